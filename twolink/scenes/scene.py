@@ -341,15 +341,15 @@ def _checked(effects: Sequence[Effect], robot: Robot) -> tuple[Effect, ...]:
             if isinstance(effect, type):
                 what, remedy = f"expected effects, got the class {effect.__name__}", f"write {effect.__name__}(...)"
             raise SceneError(what, where="effects", remedy=remedy, argument="effects")
+    given, effects = effects, tuple(map(with_plain_numbers, effects))
+    if sum(type(effect).__name__ == "Gravity" for effect in effects) > 1:
+        raise SceneError("gravity is given twice", where="effects", remedy="keep one", argument="effects")
     first: dict[int, int] = {}
-    for i, effect in enumerate(effects):
+    for i, effect in enumerate(given):
         if (before := first.setdefault(id(effect), i)) != i:
             what = f"this {type(effect).__name__} is effects[{before}] already, and would act twice"
             raise SceneError(what, where=f"effects[{i}]", remedy="leave it out; to act twice, it is made twice",
                              argument="effects", effect=i)  # fmt: skip
-    effects = tuple(map(with_plain_numbers, effects))
-    if sum(type(effect).__name__ == "Gravity" for effect in effects) > 1:
-        raise SceneError("gravity is given twice", where="effects", remedy="keep one", argument="effects")
     names = [effect.label for effect in effects if effect.is_sensor]  # type: ignore[attr-defined]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:

@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import json
 import os
+import re
 import signal
 import sqlite3
 import threading
@@ -140,6 +141,26 @@ def test_what_is_damaged_on_the_disk_is_no_fault_of_the_request(tmp_path: Path) 
             assert http.ask("/v1/robots", pendulum())["id"] == robot
             job = http.ask("/v1/simulations", request)["id"]
             http.ask(url, body)
+
+
+def test_a_drawing_that_is_damaged_on_the_disk_is_made_again(tmp_path: Path) -> None:
+    """It was sent as it was."""
+    folder = tmp_path / "data"
+    with serving(folder) as http:
+        job = f"/v1/simulations/{http.ask('/v1/simulations', SWING | {'wait': 30})['id']}"
+        paths = ["/v1/robots/two_link/visuals", f"{job}/figure", f"{job}/playback", f"{job}/result?format=csv"]
+        whole = [undated(http.get(path).content) for path in paths]
+        made = [*folder.glob("visuals/*.json.gz"), *folder.glob("results/*/*.svg"), *folder.glob("results/*/*.html"),
+                *folder.glob("results/*/*.csv")]  # fmt: skip
+        for path, content, file in zip(paths, whole, made, strict=True):
+            for damaged in (b"", file.read_bytes()[:-20], b"<svg/>"):
+                file.write_bytes(damaged)
+                assert undated(http.get(path).content) == content
+            assert f"{file.name} is damaged on the disk" in http.log
+
+
+def undated(drawing: bytes) -> bytes:
+    return re.sub(rb"<dc:date>.*?</dc:date>", b"", drawing)
 
 
 def test_a_folder_in_use_is_refused(tmp_path: Path) -> None:

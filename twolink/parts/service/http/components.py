@@ -225,18 +225,21 @@ class Service:
         return hashlib.sha256(f"{self.store.secret} {owner}".encode()).hexdigest() if owner else ""
 
     async def make(self, path: Path, task: str, **arguments: Any) -> None:
-        """Have a task write a file, unless it is there."""
+        """Have a task write a file, unless it is there, whole: its digest stands beside it."""
         limit = self.quotas.answer_mb
         async with self.locks(str(path)):
-            if path.exists():
-                return
-            draft = path.with_name(f"draft-{path.name}")
+            digest, draft = path.with_name(f"{path.name}.blake2"), path.with_name(f"draft-{path.name}")
+            if path.exists() and digest.exists():
+                if await asyncio.to_thread(lambda: _digest(path) == digest.read_bytes()):
+                    return
+                _log.warning("%s is damaged on the disk, and is made again", path.name)
             try:
                 await self.read(task, path=str(draft), **arguments)
                 if draft.stat().st_size > limit * 2**20:
                     what = f"{path.suffix[1:]} of it takes more than {limit:g} MB"
                     remedy = "ask for less, or start the service with a larger quota"
                     raise Refusal(413, what, where="path", remedy=remedy)
+                await asyncio.to_thread(lambda: digest.write_bytes(_digest(draft)))
                 draft.replace(path)
             finally:
                 draft.unlink(missing_ok=True)
@@ -265,6 +268,12 @@ class Service:
                 await workers.close()
             await self.budget.flush()
             self.store.close()
+
+
+def _digest(path: Path) -> bytes:
+    """The digest of a file's content."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, hashlib.blake2b).digest()
 
 
 async def _measure_lag(metrics: Metrics) -> None:

@@ -1,11 +1,14 @@
-// A form for a value that a JSON Schema describes: the fields of an effect. Each control hands on the new value.
+// A form for a value that a JSON Schema describes: the fields of an effect, of an operation. Each control hands on the new
+// value.
 
 import { el } from "./dom.js";
+import { boundsOf, numberInput, numbersOf, numberSlider, options, textInput, textOf, unitsOf } from "./inputs.js";
 
 /** An editor of a value: an element. set(value) is called with each new value.
  *
- * names: {defs, joints, links, constants}: the schema's definitions, and the names that its formats stand for. label: of
- * the value, for screen readers. */
+ * names: {defs, joints, coordinates, links, constants, units}: the schema's definitions, the names that its formats stand
+ * for, and of joints "rad" or "m". quantities, robots: the names to offer in place of joints, and of robots. label: of the
+ * value, for screen readers. */
 export function editor(schema, value, set, names, label) {
   const kinds = variants(schema, names);
   if (kinds.length > 1) return choice(kinds, value, set, names, label);
@@ -15,20 +18,37 @@ export function editor(schema, value, set, names, label) {
 /** The fields of an object, each with its name and what the schema says of it. */
 export function fields(schema, value, set, names, label = "") {
   const current = { ...value };
-  const own = Object.entries(schema.properties).filter(([name]) => !isTag(name, schema.properties[name]));
-  const rows = own.map(([name, part]) => {
+  const own = Object.entries(schema.properties).filter(([name, part]) => !isTag(name, part) && !isOpen(part));
+  const places = {};
+  const show = (name, part) => {
     const change = to => {
       if (to === undefined) delete current[name];
       else current[name] = to;
+      for (const [other, about] of own) if (about.of === name) follow(other, about, Object.keys(to ?? {}));
       set({ ...current });
     };
+    const offered = part.of ? { ...names, offered: Object.keys(current[part.of] ?? {}) } : names;
     const shown = name in current ? current[name] : part.default;
+    places[name].replaceChildren(editor(part, shown, change, offered, `${label} ${name}`.trim()));
+  };
+  const follow = (name, part, keys) => {
+    if (current[name] && part.of) {
+      const kept = keys.filter(key => part.each || key in current[name]);
+      const first = initial(part.additionalProperties, names);
+      current[name] = Object.fromEntries(kept.map(key => [key, current[name][key] ?? first]));
+    }
+    show(name, part);
+  };
+  const rows = own.map(([name, part]) => {
+    places[name] = el("span", { className: "part-value" });
+    show(name, part);
+    const about = [aboutOf(part), limitsOf(part, names)].filter(Boolean).join(" ");
     return el(
       "div",
       { className: "part" },
       el("span", { className: "part-name", title: aboutOf(part) }, name.replaceAll("_", " ")),
-      editor(part, shown, change, names, `${label} ${name}`.trim()),
-      part.description ? el("p", { className: "hint part-about" }, aboutOf(part)) : null,
+      places[name],
+      about ? el("p", { className: "hint part-about" }, about) : null,
     );
   });
   return el("div", { className: "form" }, ...rows);
@@ -51,10 +71,11 @@ export function initial(schema, names) {
     case "enum":
       return part.enum[0];
     case "string":
-      return { link: names.links.at(-1), joint: jointsOf(part, names)[0] }[part.format] ?? "";
+      return { link: names.links?.at(-1), joint: jointsOf(part, names)[0], robot: names.robots?.[0] }[part.format] ?? "";
     case "tuple":
-      return part.prefixItems.map(item => initial(item, names));
-    case "list":
+      return itemsOf(part).map(item => initial(item, names));
+    case "numbers":
+    case "rows":
       return [];
     case "map":
       return {};
@@ -74,15 +95,31 @@ function aboutOf(part) {
 }
 
 function isTag(name, part) {
-  return ["type", "kind"].includes(name) && part.enum?.length === 1;
+  return ["type", "kind", "operation"].includes(name) && part.enum?.length === 1;
 }
 
-/** The schema's alternatives, references followed. Quantities of joints are edited as numbers, not as texts with a unit. */
+/** Whether it may be anything: what only Python gives, such as a function. */
+const isOpen = part => !["type", "enum", "anyOf", "$ref"].some(key => key in part);
+
+/** The schemas of an array of a fixed length. */
+const itemsOf = schema => schema.prefixItems ?? Array(schema.minItems).fill(schema.items);
+
+/** The units and bounds of a field in words. */
+function limitsOf(part, names) {
+  const inner = variants(part.additionalProperties ?? part, names).find(each => boundsOf(each) || each.quantity) ?? {};
+  const units = unitsOf(inner.quantity);
+  const said = [units.length ? `in ${units.join(", ")}` : "", boundsOf(inner)].filter(Boolean).join("; ");
+  return said && `(${said})`;
+}
+
+/** The schema's alternatives, references followed. A quantity of a joint is one of them, a number or a text with a unit. */
 function variants(schema, names) {
   if (schema.$ref) return variants({ ...names.defs[schema.$ref.split("/").at(-1)], ...omit(schema, "$ref") }, names);
   if (!schema.anyOf) return [schema];
   const parts = schema.quantity ? schema.anyOf.filter(part => part.type !== "string") : schema.anyOf;
-  return parts.flatMap(part => variants({ minimum: schema.minimum, ...part }, names));
+  const { quantity, minimum, exclusiveMinimum } = schema;
+  const own = quantity ? { quantity, minimum, exclusiveMinimum } : {};
+  return parts.flatMap(part => variants(part.type === "number" ? { ...own, ...part } : part, names));
 }
 
 function omit(object, name) {
@@ -92,18 +129,24 @@ function omit(object, name) {
 
 function kindOf(schema) {
   if (schema.enum) return "enum";
-  if (schema.type === "array") return schema.prefixItems ? "tuple" : schema.items?.type === "number" ? "list" : "json";
+  if (schema.type === "array") {
+    if (schema.prefixItems || (schema.minItems && schema.minItems === schema.maxItems)) return "tuple";
+    return areNumbers(schema.items) ? "numbers" : schema.items ? "rows" : "json";
+  }
   if (schema.type === "object") return schema.properties ? "fields" : "map";
   if (schema.type === "integer") return "number";
   return ["null", "number", "boolean", "string"].includes(schema.type) ? schema.type : "json";
 }
+
+/** Whether they are numbers, or rows of numbers. */
+const areNumbers = items => items?.type === "number" || (items?.type === "array" && !items.minItems && areNumbers(items.items)) || Boolean(items?.anyOf?.every(areNumbers));
 
 function fits(schema, value) {
   switch (kindOf(schema)) {
     case "null":
       return value === null || value === undefined;
     case "number":
-      return typeof value === "number";
+      return typeof value === "number" || (schema.quantity && typeof value === "string");
     case "boolean":
       return typeof value === "boolean";
     case "enum":
@@ -111,8 +154,10 @@ function fits(schema, value) {
     case "string":
       return typeof value === "string";
     case "tuple":
-    case "list":
+    case "rows":
       return Array.isArray(value);
+    case "numbers":
+      return Array.isArray(value) || typeof value === "number";
     case "fields":
       return Object.entries(schema.properties).every(([name, part]) => !isTag(name, part) || value?.[name] === part.enum[0]);
     case "map":
@@ -129,6 +174,8 @@ function nameOf(schema) {
       return "none";
     case "number":
       return "a number";
+    case "numbers":
+      return "numbers";
     case "enum":
       return schema.enum.join(", ");
     case "string":
@@ -170,7 +217,8 @@ function choice(kinds, value, set, names, label) {
 function plainEditor(schema, value, set, names, label) {
   switch (kindOf(schema)) {
     case "number":
-      return (schema.type === "integer" ? numberInput : numberSlider)(value, set, label, schema.minimum ?? schema.exclusiveMinimum);
+      if (schema.type === "integer") return numberInput(value, set, label, schema);
+      return numberSlider(value, set, label, schema, unitsOf(schema.quantity, names.unit));
     case "boolean": {
       const box = el("input", { type: "checkbox", checked: value === true, "aria-label": label });
       box.addEventListener("change", () => set(box.checked));
@@ -179,83 +227,30 @@ function plainEditor(schema, value, set, names, label) {
     case "enum":
       return options(schema.enum, value, set, label);
     case "string":
-      return { link: () => options([...names.links, ...(schema.ground ? ["universe"] : [])], value, set, label) }[schema.format]?.() ??
-        { joint: () => options(jointsOf(schema, names), value, set, label) }[schema.format]?.() ??
-        textInput(value ?? "", set, label, text => text);
+      if (schema.format === "link") return options([...names.links, ...(schema.ground ? ["universe"] : [])], value, set, label);
+      if (schema.format === "joint") return options(jointsOf(schema, names), value, set, label);
+      return textInput(value ?? "", set, label, readAs(schema), schema.format === "robot" ? names.robots : names.quantities);
     case "tuple":
       return tuple(schema, value, set, names, label);
-    case "list":
-      return textInput((value ?? []).join(" "), set, label, numbersOf);
+    case "numbers":
+      return textInput(textOf(value), set, label, numbersOf);
+    case "rows":
+      return rows(schema, value ?? [], set, names, label);
     case "map":
+      if (schema.format === "columns") return columns(set, label);
       return map(schema, value ?? {}, set, names, label);
     case "fields":
       return fields(schema, value ?? initial(schema, names), set, names, label);
     default:
-      return textInput(JSON.stringify(value ?? null), set, label, JSON.parse);
+      return el("span", { "data-json": "", "aria-label": label }, textInput(JSON.stringify(value ?? null), set, label, JSON.parse));
   }
 }
 
-export function numberInput(value, set, label, least) {
-  const input = el("input", { type: "number", step: "any", value: value ?? "", "aria-label": label });
-  if (Number.isFinite(least)) input.min = least;
-  input.addEventListener("input", () => {
-    const wrong = input.value === "" || !Number.isFinite(Number(input.value)) || Number(input.value) < (least ?? -Infinity);
-    input.setAttribute("aria-invalid", String(wrong));
-    if (!wrong) set(Number(input.value));
-  });
-  return input;
-}
-
-/** A number with a slider below it, which reaches as far as the number on either side. */
-export function numberSlider(value, set, label, least = -Infinity) {
-  const [middle, reach] = [value ?? 0, Math.abs(value) || 1];
-  const range = el("input", { type: "range", min: Math.max(least, middle - reach), max: middle + reach, step: reach / 200 });
-  range.setAttribute("aria-label", `${label}, slider`);
-  range.value = middle;
-  const input = numberInput(value, set, label, least);
-  input.addEventListener("input", event => event.isTrusted && (range.value = input.value));
-  range.addEventListener("input", () => {
-    input.value = Number(Number(range.value).toPrecision(3));
-    input.dispatchEvent(new Event("input"));
-  });
-  return el("span", { className: "number" }, input, range);
-}
-
-/** A text whose meaning read(text) gives; read throws where it has none. */
-function textInput(text, set, label, read) {
-  const input = el("input", { type: "text", value: text, spellcheck: false, autocomplete: "off", "aria-label": label });
-  input.addEventListener("change", () => {
-    try {
-      set(read(input.value));
-      input.setAttribute("aria-invalid", "false");
-    } catch {
-      input.setAttribute("aria-invalid", "true");
-    }
-  });
-  return input;
-}
-
-function numbersOf(text) {
-  const numbers = text
-    .split(/[\s,;]+/)
-    .filter(Boolean)
-    .map(Number);
-  if (!numbers.every(Number.isFinite)) throw new Error("not numbers");
-  return numbers;
-}
-
-function options(all, value, set, label) {
-  const known = all.includes(value) || value === undefined ? all : [value, ...all];
-  const select = el("select", { "aria-label": label }, ...known.map(name => el("option", {}, name)));
-  if (value !== undefined) select.value = value;
-  select.addEventListener("change", () => set(select.value));
-  return select;
-}
-
 function tuple(schema, value, set, names, label) {
-  const current = [...(value ?? schema.prefixItems.map(item => initial(item, names)))];
+  const items = itemsOf(schema);
+  const current = [...(value ?? items.map(item => initial(item, names)))];
   const axes = current.length === 3 ? ["x", "y", "z"] : current.length === 6 ? ["xx", "xy", "xz", "yy", "yz", "zz"] : null;
-  const parts = schema.prefixItems.map((item, i) =>
+  const parts = items.map((item, i) =>
     editor(
       item,
       current[i],
@@ -272,7 +267,10 @@ function tuple(schema, value, set, names, label) {
 
 /** Values by name: a line each, with a choice of names to add. */
 function map(schema, value, set, names, label) {
-  const known = schema.propertyNames?.format === "constant" ? Object.keys(names.constants) : jointsOf(schema.propertyNames, names);
+  const { offered, ...inner } = names;
+  const format = schema.propertyNames?.format;
+  const own = { constant: Object.keys(names.constants ?? {}), link: names.links }[format];
+  const known = offered ?? own ?? (format ? jointsOf(schema.propertyNames, names) : (names.quantities ?? jointsOf({}, names)));
   const current = { ...value };
   const place = el("span", { className: "map" });
   const changed = () => set({ ...current });
@@ -289,24 +287,14 @@ function map(schema, value, set, names, label) {
             current[name] = to;
             changed();
           },
-          names,
+          { ...inner, unit: names.units?.[name] },
           `${label} ${name}`,
         ),
-        el(
-          "button",
-          {
-            type: "button",
-            className: "quiet remove",
-            "aria-label": `Leave ${name} out of ${label}`,
-            title: "Leave it out",
-            onclick: () => {
-              delete current[name];
-              show();
-              changed();
-            },
-          },
-          "×",
-        ),
+        removal(`Leave ${name} out of ${label}`, () => {
+          delete current[name];
+          show();
+          changed();
+        }),
       ),
     );
     const left = known.filter(name => !(name in current));
@@ -317,7 +305,7 @@ function map(schema, value, set, names, label) {
       ...left.map(name => el("option", {}, name)),
     );
     add.addEventListener("change", () => {
-      current[add.value] = names.constants[add.value] ?? initial(schema.additionalProperties, names);
+      current[add.value] = (format === "constant" && names.constants[add.value]) || initial(schema.additionalProperties, names);
       show();
       changed();
     });
@@ -325,4 +313,56 @@ function map(schema, value, set, names, label) {
   };
   show();
   return place;
+}
+
+/** A list of values, each with an editor of its own. */
+function rows(schema, value, set, names, label) {
+  const current = [...value];
+  const place = el("span", { className: "map" });
+  const changed = () => set([...current]);
+  const show = () => {
+    const parts = current.map((item, i) => {
+      const change = to => {
+        current[i] = to;
+        changed();
+      };
+      const out = () => {
+        current.splice(i, 1);
+        show();
+        changed();
+      };
+      return el("span", { className: "list-row" }, editor(schema.items, item, change, names, `${label} ${i + 1}`), removal(`Leave ${i + 1} out of ${label}`, out));
+    });
+    const more = () => {
+      current.push(initial(schema.items, names));
+      show();
+      changed();
+    };
+    const add = el("button", { type: "button", className: "quiet", "aria-label": `Add to ${label}`, onclick: more }, "Add");
+    place.replaceChildren(...parts, ...(current.length < (schema.maxItems ?? Infinity) ? [add] : []));
+  };
+  show();
+  return place;
+}
+
+/** Columns of numbers, from a CSV file with their names in its first line. */
+function columns(set, label) {
+  const input = el("input", { type: "file", accept: ".csv,text/csv", "aria-label": label });
+  input.addEventListener("change", async () => {
+    const [heads, ...lines] = (await input.files[0].text()).split(/\r?\n/).filter(line => line.trim()).map(line => line.split(","));
+    set(Object.fromEntries(heads.map((head, i) => [head.trim(), lines.map(line => Number(line[i]))])));
+  });
+  return input;
+}
+
+function removal(label, act) {
+  return el("button", { type: "button", className: "quiet remove", "aria-label": label, title: "Leave it out", onclick: act }, "×");
+}
+
+/** What a text means: itself, where it is as the schema's pattern says. */
+function readAs({ pattern }) {
+  return text => {
+    if (pattern && !new RegExp(pattern, "u").test(text)) throw new Error(`not as ${pattern}`);
+    return text;
+  };
 }

@@ -2,9 +2,10 @@
 
 import { byId, el, short, showProblem, table } from "./dom.js";
 import { Job, jobControls } from "./jobs.js";
+import { settingsForm } from "./operations.js";
 import { Plot } from "./plots.js";
 
-const METHODS = ["weighted", "ordinary", "robust", "total"];
+const SETTINGS = ["method", "half_window", "cutoff", "confidence"];
 const SHOWN = 8; // joints in the figures
 
 export class Identify {
@@ -17,7 +18,9 @@ export class Identify {
     });
     this.parameters = el("input", { type: "text", id: "identify-parameters", spellcheck: false, autocomplete: "off" });
     this.parameters.placeholder = "all; or names such as forearm.mass";
-    this.method = el("select", {}, ...METHODS.map(name => el("option", { value: name }, `${name} least squares`)));
+    this.settings = {};
+    const settings = el("details", {}, el("summary", {}, "Settings"));
+    settingsForm(settings, "IdentificationRequest", SETTINGS, {}, to => (this.settings = to), "Identification");
     const { node, parts } = jobControls("identify", "Identify");
     this.result = el("div", { id: "identify-result" });
     byId("panel-identify").append(
@@ -28,7 +31,7 @@ export class Identify {
       ),
       el("p", { className: "upload" }, this.file, el("label", { className: "button", for: "identify-file" }, "Choose a CSV file"), this.name),
       el("label", { className: "row" }, "Parameters ", this.parameters),
-      el("label", { className: "row" }, "Method ", this.method),
+      settings,
       node,
       this.result,
     );
@@ -42,7 +45,7 @@ export class Identify {
       const names = this.parameters.value.split(/[\s,;]+/).filter(Boolean);
       const data = await this.file.files[0].text();
       this.robot = getRobot();
-      const asked = { robot: this.robot.id, data, method: this.method.value };
+      const asked = { robot: this.robot.id, data, ...this.settings };
       this.job.run(names.length ? { ...asked, parameters: names } : asked);
     });
   }

@@ -8,6 +8,7 @@ import { Identify } from "./identify.js";
 import { finished, Job, jobControls } from "./jobs.js";
 import { Linear } from "./linear.js";
 import { Live } from "./live.js";
+import { Operations } from "./operations.js";
 import { Preview } from "./preview.js";
 import { QueryForm } from "./query.js";
 import { Results } from "./results.js";
@@ -96,6 +97,11 @@ new Linear(
   () => ({ q: sliders.q, v: speedsOf(whole, editor.v) }),
 );
 new Identify(() => robots.robot);
+const operations = new Operations(
+  () => editor.current(),
+  () => editor.names,
+  () => robots.robot,
+);
 
 let running = null; // id of the run that the address names
 let whole = null; // the robot with the objects of the scene, in whatever order their joints are
@@ -495,12 +501,12 @@ async function openPast(job) {
 }
 
 wireTabs(document.querySelector("[role=tablist]"), id => {
-  if (["tab-sense", "tab-sweep"].includes(id)) learnQuantities();
+  if (["tab-sense", "tab-sweep", "tab-operation"].includes(id)) learnQuantities();
   if (id === "tab-past") listPast(openPast, job => comparison.keep(job, whole.joints), () => robots.robot);
 });
 
 const relearn = debounce(() => {
-  if (!byId("panel-sense").hidden || !byId("panel-sweep").hidden) learnQuantities();
+  if (["sense", "sweep", "operation"].some(name => !byId(`panel-${name}`).hidden)) learnQuantities();
 }, 400);
 
 /** What can be varied in the scene, for the panels that offer it. */
@@ -509,6 +515,7 @@ async function learnQuantities() {
     const rows = await post("/v1/scenes/quantities", { scene: editor.current() });
     sensitivity.set(rows, whole);
     sweep.set(rows);
+    if (!byId("panel-operation").hidden) await operations.set(rows);
   } catch (failure) {
     showProblem(byId("scene-problem"), failure);
   }

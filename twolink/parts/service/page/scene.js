@@ -77,7 +77,8 @@ export class SceneEditor {
     const single = robot.joints.filter(joint => joint.v[1] - joint.v[0] === 1);
     const named = joints => joints.map(joint => joint.name);
     const coordinates = named(single.filter(joint => joint.q[1] - joint.q[0] === 1));
-    this.names = { ...this.names, joints: named(single), coordinates, links: robot.links, constants: {} };
+    const units = Object.fromEntries(single.map(joint => [joint.name, joint.kind === "prismatic" ? "m" : "rad"]));
+    this.names = { ...this.names, joints: named(single), coordinates, links: robot.links, constants: {}, units };
     this.#offerEffects();
     this.changed();
     this.#learnConstants(robot);

@@ -1,7 +1,7 @@
 // Start velocities: a number for each degree of freedom.
 
 import { el } from "./dom.js";
-import { numberSlider } from "./form.js";
+import { numberSlider } from "./inputs.js";
 import { V_PARTS } from "./joint_parts.js";
 
 /** The velocities of all degrees of freedom, as one list. */

@@ -2,30 +2,18 @@
 
 import { downloadButton, get, request } from "./api.js";
 import { byId, clearProblem, count, el, seconds, short, showProblem, table } from "./dom.js";
-import { fields } from "./form.js";
 import { finished, Job } from "./jobs.js";
+import { settingsForm } from "./operations.js";
 
 const FEW = ["rk4", "rk45", "dop853", "taylor"]; // methods that are ticked at first
-const FIRST = { tolerances: [1e-3, 1e-5, 1e-7, 1e-9, 1e-11], samples_per_second: 50, repeats: 7, budget: 1 };
-const positive = description => ({ type: "number", minimum: 0, description });
-const SETTINGS = {
-  properties: {
-    tolerances: {
-      type: "array",
-      items: { type: "number" },
-      description: "Of adaptive methods; the steps of the others aim at them. None: from rough to rounding.",
-    },
-    samples_per_second: positive("A second, at which errors are taken."),
-    repeats: { type: "integer", minimum: 1, description: "Timed runs after the first; the median counts." },
-    budget: positive("Seconds that a run may take; a method's settings end there."),
-  },
-}; // as the service's StudyRequest
+const FIRST = { tolerances: [1e-3, 1e-5, 1e-7, 1e-9, 1e-11] };
+const SETTINGS = ["tolerances", "samples_per_second", "repeats", "budget"];
 
 export class Study {
   /** getScene(): the current scene. */
   constructor(getScene) {
     this.settings = { ...FIRST };
-    byId("study-settings").append(fields(SETTINGS, this.settings, to => (this.settings = to), {}, "Study"));
+    settingsForm(byId("study-settings"), "StudyRequest", SETTINGS, FIRST, to => (this.settings = to), "Study");
     this.#offer();
     const parts = Object.fromEntries(
       ["cancel", "progress", "status", "problem"].map(name => [name, byId(`study-${name}`)]),
@@ -33,13 +21,11 @@ export class Study {
     this.job = new Job("studies", { start: byId("study-button"), ...parts }, job => this.#show(job));
     byId("study-button").addEventListener("click", () => {
       const ticked = this.boxes.filter(box => box.checked).map(box => box.value);
-      const { tolerances, ...more } = this.settings;
       this.job.run({
         scene: getScene(),
         duration: Number(byId("study-duration").value) || 2,
         ...(ticked.length < this.boxes.length ? { methods: ticked } : {}),
-        ...(tolerances.length ? { tolerances } : {}),
-        ...more,
+        ...this.settings,
       });
     });
   }

@@ -2,7 +2,7 @@
 
 import { downloadButton, get } from "./api.js";
 import { byId, el, showProblem } from "./dom.js";
-import { numberInput } from "./form.js";
+import { numberInput } from "./inputs.js";
 import { Job, jobControls } from "./jobs.js";
 import { searchable } from "./search.js";
 import { SweepView } from "./sweep_view.js";
@@ -108,9 +108,9 @@ export class Sweep {
     const words = [`From${unit}`, `To${unit}`, "Values"];
     const number = (k, word) => {
       const change = value => {
-        axis.numbers[k] = k === 2 ? Math.round(value) : value;
+        axis.numbers[k] = value;
       };
-      return numberInput(axis.numbers[k], change, `${row.name}: ${word}`, k === 2 ? 1 : undefined);
+      return numberInput(axis.numbers[k], change, `${row.name}: ${word}`, k === 2 ? { type: "integer", minimum: 1 } : {});
     };
     axis.range.replaceChildren(
       ...words.map((word, k) =>

@@ -201,7 +201,7 @@ class Store:
         """Delete an uploaded robot and its drawings."""
         self.copies.drop(ROBOTS, key)
         self._execute("DELETE FROM robots WHERE id = ?", (key,))
-        for path in (self.folder / VISUALS).glob(f"*-{key}.json.gz"):
+        for path in (self.folder / VISUALS).glob(f"*-{key}.json.gz*"):
             path.unlink(missing_ok=True)
         self._count()
 

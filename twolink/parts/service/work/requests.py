@@ -26,7 +26,8 @@ from twolink.scenes import Scene
 from twolink.scenes.file_format import SceneFile
 
 NOT_SENT = ("progress", "patience")  # the service has limits of its own
-_SENT = {Scene: str | SceneFile, Robot: str}  # a scene by name or in full; a robot by id
+_Robot = Annotated[str, msgspec.Meta(extra_json_schema={"format": "robot"})]
+_SENT = {Scene: str | SceneFile, Robot: _Robot}  # a scene by name or in full; a robot by id
 _TIMES = Annotated[tuple[float, ...], msgspec.Meta(min_length=1)] | None
 _ARRAY = frozenset(get_args(ArrayLike))
 
@@ -107,7 +108,8 @@ SIMULATOR = Annotated[
 ]
 SIMULATORS = ("mujoco", "drake")  # whose runs are kept, too; the first one reads MJCF
 CSV = Annotated[str, msgspec.Meta(description="The text of a CSV file, as `twolink identify` takes it.")]
-COLUMNS = dict[str, Numbers]  # of measurements: t, q.JOINT, v.JOINT; or whole arrays t, q, v
+COLUMNS = Annotated[dict[str, Numbers], msgspec.Meta(extra_json_schema={"format": "columns"})]
+"""Of measurements: t, q.JOINT, v.JOINT; or whole arrays t, q, v."""
 
 
 class SceneRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
