@@ -336,6 +336,13 @@ def test_backlash_limit_cycle_by_exact_pieces() -> None:
     assert late > half
 
 
+def test_a_drive_without_a_torque_is_told_what_is_missing() -> None:
+    robot = tl.load_robot("two_link")
+    for of, told in ((None, "that drives the joints is missing"), (3.0, "float gives no torque")):
+        with refusal(tl.errors.SceneError, told, "give a controller"):
+            tl.Scene(robot, effects=[fx.ElasticJoint(of, stiffness={"elbow": 1e3}, inertia={"elbow": 0.02})])
+
+
 PAPER = fx.LuGreFriction({"x": 1e5}, {"x": 1.0}, {"x": 1.5}, {"x": 1e-3}, {"x": np.sqrt(1e5)}, {"x": 0.4})
 
 

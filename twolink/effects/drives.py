@@ -61,8 +61,9 @@ class Drive(Effect, frozen=True):
         if self.of is None and not needed:
             return
         if not isinstance(self.of, Effect) or isinstance(self.of, (SwitchingEffect, Loop)):
-            raise SceneError(f"{type(self.of).__name__} gives no torque of a drive", where="of",
-                             remedy="give a controller, a motor or tl.effects.Torque")  # fmt: skip
+            missing = "the effect that drives the joints is missing"
+            what = missing if self.of is None else f"{type(self.of).__name__} gives no torque of a drive"
+            raise SceneError(what, where="of", remedy="give a controller, a motor or tl.effects.Torque")
         with errors_inside():
             check_effect(self.of, robot)
         limits = getattr(self.inmost, "effort", None), getattr(self.inmost, "limit", None)
