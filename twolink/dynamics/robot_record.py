@@ -7,6 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
+import msgspec
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
@@ -18,53 +19,64 @@ from twolink.dynamics.robot import Robot
 from twolink.errors import RobotError, SceneError
 from twolink.io.fingerprints import model_digest
 from twolink.robots.catalogue import FILES, catalogue_entry
+from twolink.robots.joint_layout import JointLayout
 
 PASS_IT = "pass the robot of its scene: robot=..."
 
 
-def robot_record(robot: Robot) -> dict[str, Any]:
-    """A robot as plain data, for JSON.
+class JointRecord(msgspec.Struct, frozen=True):
+    """A joint: its place in q and v (start and stop), its limits (None: none), and the mass of its body, kg.
 
-    Parameters
-    ----------
-    robot : Robot
-
-    Returns
-    -------
-    dict
-        name, nq, nv, mass [kg], gravity [m/s^2] and neutral (nq numbers); joints: dictionaries with name, kind
-        (Pinocchio's), layout, q and v (start and stop of the joint's entries), limits (None where there is none) and
-        mass [kg] of its body, without those that it carries; links (names), and those fixed to the ground; report (the
-        load report).
+    kind: Pinocchio's. The body is without those that it carries.
     """
-    links = [robot.model.frames[i] for i in link_frames(robot)]
-    return {
-        "name": robot.name,
-        "nq": robot.nq,
-        "nv": robot.nv,
-        "mass": robot.mass,
-        "gravity": robot.gravity.tolist(),
-        "neutral": robot.neutral.tolist(),
-        "joints": [_joint(robot, i) for i in range(len(robot.joints))],
-        "links": list(robot.frame_names),
-        "fixed_links": [frame.name for frame in links if not frame.parentJoint],
-        "report": robot.report.to_dict(),
-    }
+
+    name: str
+    kind: str
+    layout: str
+    q: list[int]
+    v: list[int]
+    lower: list[float | None]
+    upper: list[float | None]
+    velocity_limit: list[float | None]
+    effort_limit: list[float | None]
+    mass: float
 
 
-def _joint(robot: Robot, i: int) -> dict[str, Any]:
-    joint = robot.joints[i]
-    limits = {name: [x if math.isfinite(x) else None for x in getattr(joint, name)]
-              for name in ("lower", "upper", "velocity_limit", "effort_limit")}  # fmt: skip
-    return {
-        "name": joint.name,
-        "kind": joint.type,
-        "layout": joint.kind,
-        "q": [joint.q.start, joint.q.stop],
-        "v": [joint.v.start, joint.v.stop],
-        **limits,
-        "mass": robot.model.inertias[joint.index].mass,
-    }
+class RobotRecord(msgspec.Struct, frozen=True):
+    """A robot: sizes, mass [kg], gravity [m/s^2], joints, links, and what of its file is suspicious or was assumed.
+
+    neutral: nq numbers. fixed_links: those fixed to the ground. report: the load report.
+    """
+
+    name: str
+    nq: int
+    nv: int
+    mass: float
+    gravity: list[float]
+    neutral: list[float]
+    joints: list[JointRecord]
+    links: list[str]
+    fixed_links: list[str]
+    report: dict[str, Any]
+
+
+def robot_record(robot: Robot) -> dict[str, Any]:
+    """The `RobotRecord` of a robot as plain data, for JSON."""
+    fixed = [frame.name for i in link_frames(robot) if not (frame := robot.model.frames[i]).parentJoint]
+    joints = [_joint(robot, joint) for joint in robot.joints]
+    record = RobotRecord(robot.name, robot.nq, robot.nv, robot.mass, robot.gravity.tolist(), robot.neutral.tolist(),
+                         joints, list(robot.frame_names), fixed, robot.report.to_dict())  # fmt: skip
+    plain: dict[str, Any] = msgspec.to_builtins(record)
+    return plain
+
+
+def _joint(robot: Robot, joint: JointLayout) -> JointRecord:
+    def known(limits: tuple[float, ...]) -> list[float | None]:
+        return [x if math.isfinite(x) else None for x in limits]
+
+    return JointRecord(joint.name, joint.type, joint.kind, [joint.q.start, joint.q.stop], [joint.v.start, joint.v.stop],
+                       known(joint.lower), known(joint.upper), known(joint.velocity_limit), known(joint.effort_limit),
+                       robot.model.inertias[joint.index].mass)  # fmt: skip
 
 
 def link_frames(robot: Robot) -> list[int]:

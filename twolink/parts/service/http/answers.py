@@ -4,6 +4,7 @@ from typing import Any, Literal
 
 import msgspec
 
+from twolink.dynamics.robot_record import RobotRecord
 from twolink.parts.service.problems import Problem
 from twolink.parts.service.work.sandbox import Protection
 
@@ -55,34 +56,9 @@ class ListedRobot(msgspec.Struct):
     lock: Object | None = None
 
 
-class Joint(msgspec.Struct):
-    """A joint: its places in q and v, its limits (null: none), and the mass that it moves, kg."""
-
-    name: str
-    kind: str
-    layout: str
-    q: list[int]
-    v: list[int]
-    lower: list[float | None]
-    upper: list[float | None]
-    velocity_limit: list[float | None]
-    effort_limit: list[float | None]
-    mass: float
-
-
-class RobotAbout(msgspec.Struct):
+class RobotAbout(RobotRecord, frozen=True):
     """A robot: sizes, joints, links, and the report of what is suspicious, read, ignored, repaired and assumed."""
 
-    name: str
-    nq: int
-    nv: int
-    mass: float
-    gravity: Vector
-    neutral: Vector
-    joints: list[Joint]
-    links: list[str]
-    fixed_links: list[str]
-    report: Object
     id: str = ""
     origin: str = ""
     root: str = ""
