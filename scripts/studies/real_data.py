@@ -11,11 +11,12 @@ delay, cut-offs. by hand: base parameters and friction by NumPy's least squares,
 published: the parameters of the log's authors; of the Panda, those of its URDF. figaroh: its regressor and base
 parameters, with friction, rotors and the same filter, where it is installed.
 
---parts: each log in disjoint halves, fitted alone: how many of the parameters that both tell differ by more than 1.96
-standard errors of the difference; at most 10 %. --seconds: the processor's seconds of the default for 10,000 samples
-of the twin, at most 30. --fit: `tl.fit` on a second of run 00 of the pendulum, driven by a table of 100 torques for
-each joint, from the URDF's values: 12 unknowns, under 15 s of the processor. Otherwise ends 0 if the default is
-within 5 % of every other row. Rows go to out/real-data.csv.
+--parts: each log in disjoint halves, fitted alone: how many of the parameters that both tell differ by more than their
+intervals, 1.96 standard deviations, add up to (root sum of squares); at most 10 %. Beside it, how many do by the noise
+alone (`standard_errors`), of which the model's errors are no part. --seconds: the processor's seconds of the default
+for 10,000 samples of the twin, at most 30. --fit: `tl.fit` on a second of run 00 of the pendulum, driven by a table of
+100 torques for each joint, from the URDF's values: 12 unknowns, under 15 s of the processor. Otherwise ends 0 if the
+default is within 5 % of every other row. Rows go to out/real-data.csv.
 """
 
 import argparse
@@ -157,10 +158,11 @@ def parts(logs: Logs) -> tuple[str, str, float]:
               for some in zip(*((slice(0, cut), slice(cut, None)) for cut in cuts), strict=True)]  # fmt: skip
     one, other = (tl.identify(logs.robot, half) for half in halves)
     same = [name for name in one.combinations if name in other.combinations]
-    errors = [np.array([half.standard_errors[name] for name in same]) for half in (one, other)]
     moved = np.array([one.values[name] - other.values[name] for name in same])
-    off = np.abs(moved) > 1.96 * np.hypot(*errors)
-    return f"{off.sum()} of {len(same)}", f"{100 * off.mean():.3g}", float(off.mean())
+    noise = [1.96 * np.array([half.standard_errors[name] for name in same]) for half in (one, other)]
+    width = [np.array([np.ptp(half.intervals[name]) / 2 for name in same]) for half in (one, other)]
+    alone, off = (np.abs(moved) > np.hypot(*errors) for errors in (noise, width))
+    return f"{off.sum()} of {len(same)}; by the noise alone {alone.sum()}", f"{100 * off.mean():.3g}", float(off.mean())
 
 
 def simulated(logs: Logs) -> tuple[str, str, float]:

@@ -13,7 +13,9 @@ pendulum_c: data/experiment_records/design_C.1/sys_id/20230629 and
 data/system_identification/identified_parameters/design_C.1/model_1.1 of
 github.com/dfki-ric-underactuated-lab/double_pendulum (BSD), each run as TIME.csv. simple:
 results/control_method_NAME/data_measured.csv, each as NAME.csv, and data/urdf of
-github.com/dfki-ric-underactuated-lab/torque_limited_simple_pendulum (BSD).
+github.com/dfki-ric-underactuated-lab/torque_limited_simple_pendulum (BSD). icub_leg: the right leg of an iCub 3,
+matlab/Datasets/traj_pos_control at commit 56b009a and code/matlab/ft_calibration/robots/iCubGenova09.urdf of
+github.com/isorrentino/iCub-torque-control (no licence).
 """
 
 import re
@@ -22,6 +24,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from scipy.io import loadmat
 
 import twolink as tl
 from scripts.runner import TOP
@@ -150,6 +153,25 @@ def tiago(folder: Path) -> Logs:
     return divided(robot, read["position"][:, 0], read["position"][:, 2:], read["effort"][:, 2:] * [*TIAGO.values()])
 
 
+def icub_leg(folder: Path) -> Logs:
+    """Its torques are those of its force sensors and its own model. One path, and the same faster.
+
+    Not of its runs: the two before, in which the knee's torques are not those of the leg's weight.
+    """
+
+    def run(time: str) -> Recording:
+        log = loadmat(folder / f"ftimu_dataset_2021_08_03_{time}.mat", simplify_cells=True)
+        t, state = log["time"], log["Joint_state"]
+        return Recording(t - t[0], state["joint_positions"].T, None, None, state["joint_torques"].T)
+
+    options = {"purpose": "identification", "unphysical": "report"}
+    names = [joint.name for joint in tl.load_robot(folder / "iCubGenova09.urdf", **options).joints]
+    leg = ("r_hip", "r_knee", "r_ankle")
+    still = {name: 0.0 for name in names if not name.startswith(leg)}
+    robot = tl.load_robot(folder / "iCubGenova09.urdf", lock=still, **options)
+    return Logs(robot, [run("18_12_10")], run("18_14_03"), robot.parameter_values)
+
+
 def twin(_: Path) -> Logs:
     """Two motions of a Panda with friction, delay, drift and quantised encoders and torques."""
     robot, logs = robot_of("panda"), [recorded("panda", np.random.default_rng(k), seed=k) for k in (0, 1)]
@@ -160,5 +182,5 @@ def twin(_: Path) -> Logs:
 
 
 ROBOTS: dict[str, Callable[[Path], Logs]] = {
-    each.__name__: each for each in (pendulum, pendulum_c, simple, panda, lbr_med, ur10e, tx40, tiago, twin)
+    each.__name__: each for each in (pendulum, pendulum_c, simple, panda, lbr_med, ur10e, tx40, tiago, icub_leg, twin)
 }

@@ -1,5 +1,6 @@
 """identify: exact data give exact values, noisy ones intervals that hold, and what cannot be told is named."""
 
+import itertools
 import re
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from tests.refusals import refusal
 from tests.urdf_text import joint, link, robot_of
 from twolink.errors import QueryError
 from twolink.identification import Identification, identify
+from twolink.parts.identification.regression import fit
 
 ARM = tl.load_robot("arm")
 T, Q, V, A = motion(ARM)
@@ -138,6 +140,20 @@ def test_forces_that_the_model_lacks_are_seen_in_the_residuals_and_widen_the_int
     assert lacking.correlated
     assert "missing forces" in str(lacking)
     assert lacking.half_width[0] > 3 * whole.half_width[0]
+
+
+def test_intervals_are_no_narrower_than_what_parts_of_the_data_change() -> None:
+    """A jackknife, by hand: the fit without each of 20 blocks of time, where friction grows with the load."""
+    load = 0.3 * np.sign(V) * np.abs(ARM.inverse_dynamics(Q, V, A))
+    columns, y = ARM.regressor(Q, V, A)[..., [10, 11, 13]], noisy(TAU + load, 0.02)
+    found = fit(columns, y, "ordinary")
+    ends = np.linspace(0, len(y), 21).round().astype(int)
+    without = [np.delete(np.arange(len(y)), np.arange(*rows)) for rows in itertools.pairwise(ends)]
+    moved = [np.linalg.lstsq(columns[k].reshape(-1, 3), y[k].ravel(), rcond=None)[0] - found.x for k in without]
+    np.testing.assert_allclose(found.by_blocks, 19 / 20 * np.array(moved).T @ np.array(moved), rtol=1e-6)
+    whole = identify(ARM, T, Q, V, noisy(TAU + load, 0.02), joint_model="viscous+coulomb")
+    least = 2.093 * np.sqrt(np.diag(whole.block_covariance))  # Student's quantile for 19 degrees of freedom
+    assert np.all(whole.half_width > least)
 
 
 def pseudo_inertias(robot: tl.Robot) -> list[np.ndarray]:

@@ -51,6 +51,11 @@ def test_auto_takes_what_the_data_ask_for() -> None:
     assert all(b < 0.3 * a for a, b in zip(none[1:], chosen[1:], strict=True))
 
 
+def test_nothing_is_left_to_try_where_all_is_looked_for() -> None:
+    found = identify(ARM, T, Q, None, noisy(CLEAN, 0.02), joint_model="viscous+coulomb+rotor+offset+stribeck", find=())
+    assert {error.name.rpartition(".")[2] for error in found.model_errors} <= {"zero", "motor_constant", "delay"}
+
+
 def test_an_asymmetry_and_an_offset_are_told_as_one() -> None:
     found = found_in(CLEAN + 0.3 * np.abs(np.sign(V)), joint_model="asymmetric+offset")
     assert any("elbow.offset" in text and "elbow.asymmetry" in text for text in found.not_identifiable)

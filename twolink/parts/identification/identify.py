@@ -103,9 +103,11 @@ def identify(
     -----
     The intervals hold for noise of the torques with mean 0, independent between joints; residuals that follow each
     other in time widen them (Newey and West; Andrews and Monahan), and so does what drifts over a whole log, by the
-    residuals' spectrum (`identification.drift`); with 8 runs and more, their differences count too. The numerical error
-    is added: a bound on rounding, and where positions are filtered the change of the result under a window that is
-    wider by 1 / 0.7.
+    residuals' spectrum (`identification.drift`). What the model lacks, such as friction by load or temperature, shows
+    where parts of the data differ: the intervals are no narrower than those of a jackknife that leaves out 20 blocks of
+    time, or 8 runs and more, one after the other, unless all samples as measured leave white residuals. The numerical
+    error is added: a bound on rounding, and where positions are filtered the change of the result under a window that
+    is wider by 1 / 0.7.
 
     Where a speed cannot be told from rest, by the filter's error, the direction of friction is not known: it counts as
     tanh(v / width), with the width by cross-validation, and a rest as one sample that tells friction within its size.

@@ -65,8 +65,9 @@ class Measurements:
         if self.block == 1:
             return x
         runs = (x[rows] for rows in spans(self.ends))
-        whole = (run[: len(run) // self.block * self.block] for run in runs)
-        return np.concatenate([run.reshape(-1, self.block, *x.shape[1:]).mean(axis=1) for run in whole])
+        counts = ((len(run) // self.block, run) for run in runs)
+        parts = [run[: n * self.block].reshape(n, self.block, *x.shape[1:]) for n, run in counts]
+        return np.concatenate([part.mean(axis=1) for part in parts])
 
     @property
     def block_ends(self) -> list[int]:

@@ -16,7 +16,7 @@ from twolink.parts.identification.drift import slow_variances, spans
 
 METHODS = ("ordinary", "weighted", "robust", "total")
 CLEARLY = 4.0  # standard errors of an estimated noise, from which it counts more than a stated one
-BLOCKS, FEWEST = 10, 4
+_BLOCKS = 20  # long beside the residuals' memory, and enough to tell a variance
 _SLOWEST = 0.97  # correlation of neighbouring scores that is taken away first
 _REST = 1e3  # of the square of the noise: the bound on torques at rest at first
 HUBER = 1.345  # 95 % of the efficiency of least squares for normal errors
@@ -32,7 +32,8 @@ class Fit:
     rounding (r,): a bound on the error of x from rounding.
     metric (r, r): the covariance of least squares, had the residuals been independent: the inverse of the information.
     by_blocks (r, r): the covariance from leaving out one block of time after the other (jackknife), with `blocks` - 1
-    degrees of freedom: it assumes nothing of the correlation within them (Bell and McCaffrey 2002).
+    degrees of freedom: it assumes nothing of the correlation within them (MacKinnon and White 1985; Bell and McCaffrey
+    2002). What a model lacks is alike within a block and other in the next, and moves most what few blocks tell.
     length: samples over which residuals follow each other; the covariance takes it in.
     slow: variances (r,) that take in what drifts, with their degrees of freedom; None where residuals are white.
     share (n, nv): what the torques count, 1 but for those at rest.
@@ -66,7 +67,7 @@ def fit(
     """Fit y (n, nv) by columns (n, nv, r) of full rank; error (n, nv, r + 1): of columns and y, for "total".
 
     least: what the noise is at least. sigma (nv,): the noise, where it is known; residuals that are clearly larger
-    count instead. blocks: where each ends; by default as long as residuals follow each other. prior: x (r,) as it is
+    count instead. blocks: where each ends; by default 20 of the same length. prior: x (r,) as it is
     expected, and the reciprocals of the standard deviations of that; "ordinary" and "total" have none. runs: where each
     ends. rest: samples (n, nv) for which a joint's friction is unknown within its size, and what is added up to that
     (nv, r): they count as the bound s^2 / (s^2 + samples size^2 / 3) of a torque with noise s.
@@ -99,7 +100,7 @@ def fit(
     lengths = np.linalg.norm(columns * weights[..., None], axis=(0, 1))
     scaled = columns / lengths
     length = correlation_length(residuals / noise)
-    ends = np.asarray(blocks if blocks is not None else _block_ends(len(y), length))
+    ends = np.asarray(blocks if blocks is not None else _block_ends(len(y)))
     covariance, by_blocks, slow = _covariance(
         scaled, residuals, weights, noise, full, sure / lengths, ends, length, runs or (len(y),), sigma
     )
@@ -134,9 +135,8 @@ def rows_of(columns: np.ndarray, weights: np.ndarray) -> np.ndarray:
     return np.asarray((columns * weights[..., None]).reshape(-1, columns.shape[-1]))
 
 
-def _block_ends(n: int, length: int) -> np.ndarray:
-    """Ends of blocks that are as long as residuals follow each other, from 4 to 10 of them."""
-    return np.linspace(0, n, min(max(FEWEST, min(BLOCKS, n // max(length, 1))), n) + 1).round().astype(int)[1:]
+def _block_ends(n: int) -> np.ndarray:
+    return np.linspace(0, n, min(_BLOCKS, n) + 1).round().astype(int)[1:]
 
 
 def _triangle(columns: np.ndarray) -> np.ndarray:

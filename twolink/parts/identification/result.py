@@ -198,8 +198,8 @@ class Identification(Estimate):
     setup : Setup
         Delay, zeros, gravity and motor constants, as they were found; see `find`.
     block_covariance : ndarray, (r, r)
-        The covariance from blocks of time or from run to run, beside `covariance`; where residuals follow each other,
-        intervals are the wider of both.
+        The covariance by a jackknife: blocks of time or runs are left out one after the other. The intervals are no
+        narrower, but where samples that were not filtered leave white residuals.
     model_errors : tuple of ModelError
         What the residuals show that the model lacks, the clearest first.
     joint_models : Table or None

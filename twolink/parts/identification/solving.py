@@ -156,7 +156,7 @@ def _solved(
     result = Identification(
         robot=plan.robot, selection=chosen, combinations=base.combinations, matrix=base.matrix, estimate=found.x,
         covariance=found.covariance, numerical_error=numerical, confidence=plan.confidence,
-        half_width=_half_width(plan, y, found, blocks is not None) + numerical,
+        half_width=_half_width(plan, y, found, by is None and blocks is None) + numerical,
         not_identifiable=(*plan.possible.not_identifiable(), *_untold(base, names)),
         not_excited=not_shown(plan.possible, base), noise=found.noise, t=data.averaged(data.t),
         residuals=found.residuals, condition=found.condition, correlated=found.correlated, method=plan.method,
@@ -188,14 +188,18 @@ def _rest(
     return (long, sizes) if sizes.any() and long.any() else None
 
 
-def _half_width(plan: IdentificationPlan, y: np.ndarray, found: Fit, of_runs: bool) -> np.ndarray:
-    """Of the intervals. Residuals that follow each other count for few; what drifts and many runs may show more."""
+def _half_width(plan: IdentificationPlan, y: np.ndarray, found: Fit, whole: bool) -> np.ndarray:
+    """Of the intervals: the widest by the residuals' memory, by what drifts, and by what blocks of time change.
+
+    Blocks show what the model lacks, which no residual tells from noise where the motion hardly shows a parameter. They
+    count unless the whole of the samples, neither filtered nor runs, has white residuals.
+    """
     level = (1 + plan.confidence) / 2
     free = y.size - len(found.x) if found.length == 0 else max(len(y) / (2 * found.length), _FEWEST)
     width = stdtrit(free, level) * np.sqrt(np.diag(found.covariance))
     if found.slow is not None:
         width = np.maximum(width, stdtrit(found.slow[1], level) * np.sqrt(found.slow[0]))
-    if of_runs:
+    if not whole or found.correlated:
         width = np.maximum(width, stdtrit(found.blocks - 1, level) * np.sqrt(np.diag(found.by_blocks)))
     return np.asarray(width)
 
