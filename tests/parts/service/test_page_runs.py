@@ -196,6 +196,7 @@ def test_the_accuracy_study_is_drawn(page: Page) -> None:
     for name in ("rk4", "taylor"):
         page.evaluate(f"document.querySelector('#study-methods [value={name}]').click()")
     page.evaluate("document.getElementById('study-settings').open = true")
+    page.wait_for("document.querySelector(\"[aria-label='Study tolerances']\")")
     page.choose("[aria-label='Study tolerances']", "1e-3 1e-6")
     page.choose("[aria-label='Study repeats']", "2")
     page.click("#study-button")
