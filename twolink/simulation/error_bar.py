@@ -19,6 +19,7 @@ FEW = 16.0  # steps, of which the errors do not yet follow the tolerance
 # solutions is too small once in 14,000, 1,500, 700 or 700 motions.
 DISTURBED = {6: 1.5, 3: 3.0, 2: 6.0, 1: 150.0}
 ENOUGH = 0.05  # of the accuracy: with less rounding by its bar, one disturbed solution suffices
+DECIDES = 0.1  # of rounding: with less truncation, no smaller setting helps
 # Of the accuracy, added to a bar: where the first error is small by chance, it is still below what is usual.
 SLACK = 4e-3
 # rad or m: solutions of a larger distance have parted, and how far is chance, by which the error may be larger.

@@ -18,7 +18,7 @@ from twolink.integrate.solvers.taylor import ROUNDING_UNIT, Precision
 from twolink.integrate.steps.failures import MAX_STEPS
 from twolink.integrate.steps.methods import METHODS, Method
 from twolink.native.library import library
-from twolink.simulation.error_bar import PARTED
+from twolink.simulation.error_bar import DECIDES, PARTED
 from twolink.simulation.trajectory import Trajectory
 from twolink.simulation.verified import Verified
 
@@ -30,7 +30,6 @@ UNKNOWN = 100.0  # times the growth that solutions show which have parted
 COARSEST = 1.0  # rad or m: a larger accuracy says nothing
 MOST = 0.8  # of the accuracy, that rounding may take
 CHANCE = 2.0  # times the accuracy: the bar of the same rounding may be half as large by other random numbers
-DECIDES = 0.1  # of rounding: with less truncation, no smaller setting helps
 TRIALS = 8  # settings of a method, at most
 WORSE, STRIKES = 0.9, 2  # of the best bar: a setting is no better; so many of them may be, as steps meet singularities
 OTHERS = ("dop853", "rk45", "esdirk43")  # where one method does not get to the accuracy by smaller settings

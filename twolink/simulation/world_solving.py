@@ -21,8 +21,10 @@ from twolink.integrate.steps.step_map import StepMap
 from twolink.integrate.steps.stepping import integrate_many
 from twolink.simulation.cost import Cost
 from twolink.simulation.error_bar import (
+    DECIDES,
     DISTURBED,
     ENOUGH,
+    PARTED,
     SLACK,
     common_rounding,
     distances,
@@ -30,7 +32,6 @@ from twolink.simulation.error_bar import (
     truncation_factor,
 )
 
-ALONE = 2  # disturbed solutions of a world, at most
 LEAST = 4.0  # times the smallest tolerance: what a finer solution can judge
 MORE = 2.0  # times the rounding of a solution: at least what counts as that of one of more steps
 FAIR = 0.5  # of the accuracy: less rounding leaves room for the truncation of the next solution
@@ -118,6 +119,16 @@ class _Worlds:
         one.error = self._bar(one, truncation, one.rounding)
         return finer
 
+    def agreeing(self, one: _Tried, other: _Tried) -> tuple[Array, Array]:
+        """The bars (w,) of solutions of the same worlds, which do not contradict each other.
+
+        The error of a solution may by chance be as small as that of a finer one, and their distance smaller. Where two
+        are farther apart than the sum of their bars, each bar is widened to the distance plus the other one.
+        """
+        far = distances(self.step_map.equations.space, one.x, other.x).max(axis=0)
+        apart = far > one.error + other.error  # not of lost ones
+        return (np.where(apart, far + other.error, one.error), np.where(apart, far + one.error, other.error))
+
     def _bar(self, one: _Tried, truncation: Array, rounding: Array) -> Array:
         """The bars (w,) at the end, NaN of worlds that are lost, from their parts (m, w)."""
         alike = common_rounding(self.step_map.equations.space, self.times, one.x, one.steps)
@@ -125,15 +136,19 @@ class _Worlds:
         return np.where(np.isfinite(bar), bar, np.nan)
 
     def _look_at_rounding(self, one: _Tried, truncation: Array) -> None:
-        """Solve disturbed solutions of worlds whose rounding is not known; two of those where one is too coarse."""
+        """Solve disturbed solutions of worlds whose rounding is not known; more where few are too coarse."""
         space, unknown = self.step_map.equations.space, np.flatnonzero(~np.isfinite(one.rounding[-1]))
         far = np.zeros((len(self.times), len(one.worlds)))
-        for count, disturbed in enumerate(disturbed_solutions(ALONE), 1):
-            if unknown.size:
-                other = self.solved(one.worlds[unknown], one.tolerance[unknown], disturbed)
-                far[:, unknown] = np.maximum(far[:, unknown], distances(space, one.x[:, :, unknown], other.x))
+        for count, disturbed in enumerate(disturbed_solutions(max(DISTURBED)), 1):
+            if not unknown.size:
+                return
+            other = self.solved(one.worlds[unknown], one.tolerance[unknown], disturbed)
+            far[:, unknown] = np.maximum(far[:, unknown], distances(space, one.x[:, :, unknown], other.x))
+            if count in DISTURBED:
                 one.rounding[:, unknown] = DISTURBED[count] * far[:, unknown]
                 unknown = unknown[self._decides(one.rounding[:, unknown], truncation[unknown])]
+            if count > 1:  # those that are to be solved again will have another rounding
+                unknown = unknown[truncation[unknown] < self.accuracy]
 
     def _decides(self, rounding: Array, truncation: Array) -> Array:
         """A mask (w,) of the worlds in which less rounding (m, w) would be a better bar, or less to do, by much."""
@@ -188,12 +203,16 @@ def solve_worlds(
         if not (verify and one.worlds.size):
             break
         finer = given.bars(one, before) if before else given.first_bars(one)
+        one.error, best.error[one.worlds] = given.agreeing(one, best.of(one.worlds))
         better = ~(one.error >= best.error[one.worlds])  # than none, too
         best.take(one.worlds[better], one.of(better))
         rounding = one.rounding.max(axis=0)
-        room = np.fmax(accuracy - rounding, 0.0)
-        wanted = np.fmax(one.tolerance * np.fmin(0.5, AIM * room / np.fmax(one.error - rounding, 1e-300)), least)
-        again = (one.error > accuracy) & (room > 0.0) & (one.tolerance > 1.01 * least)  # not the lost ones
+        truncation, room = np.fmax(one.error - rounding, 1e-300), accuracy - rounding
+        # The rounding of solutions that are far off may be another one, unless disturbed ones have parted from them.
+        hopeless = (room <= 0.0) & ((truncation < DECIDES * rounding) | (rounding > PARTED))
+        wanted = one.tolerance * np.fmin(0.5, AIM * np.where(room > 0.0, room, accuracy) / truncation)
+        wanted = np.fmax(wanted, least)
+        again = (one.error > accuracy) & ~hopeless & (one.tolerance > 1.01 * least)  # not the lost ones
         fine = (finer.tolerance <= wanted) & (finer.tolerance >= least)  # enough, so that they are there already
         anew = again & ~fine
         before_them, one = one.of(anew), finer.of(again & fine)
