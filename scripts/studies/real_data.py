@@ -9,7 +9,8 @@ Root mean square of the measured torques less their prediction by joint, N m, an
 with the same states, filtered at 6 Hz (ur10e 10, tx40 30). The options: joint models for all joints, a robust fit, no
 delay, cut-offs. by hand: base parameters and friction by NumPy's least squares, filtered with 8 Hz (tx40 30).
 published: the parameters of the log's authors; of the Panda, those of its URDF. figaroh: its regressor and base
-parameters, with friction, rotors and the same filter, where it is installed.
+parameters, with friction, rotors and the same filter, where it is installed. mujoco: its sysid, where that is
+installed (mujoco[sysid]), by inverse dynamics of 300 samples, same filter: bodies, rotors, friction, damping, offsets.
 
 --parts: each log in disjoint halves, fitted alone: how many of the parameters that both tell differ by more than their
 intervals, 1.96 standard deviations, add up to (root sum of squares); at most 10 %. Beside it, how many do by the noise
@@ -20,9 +21,14 @@ default is within 5 % of every other row. Rows go to out/real-data.csv.
 """
 
 import argparse
+import contextlib
+import functools
+import io
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from types import SimpleNamespace
@@ -38,7 +44,7 @@ from twolink.parts.identification.base_parameters import base_parameters, select
 from twolink.parts.identification.filtering import Recording, States, half_window_of, states
 
 SHARE, SECONDS, WORSE = 0.10, 15.0, 1.05
-SAMPLES, IDENTIFIED = 10_000, 30.0  # of 7 joints, in so many seconds
+SAMPLES, IDENTIFIED, SYSID = 10_000, 30.0, 300  # of 7 joints, in so many seconds; of the samples that sysid has
 OPTIONS: dict[str, dict[str, Any]] = {
     "none": {"joint_model": "none"}, "viscous+coulomb": {"joint_model": "viscous+coulomb"},
     "with rotor": {"joint_model": "viscous+coulomb+rotor"},
@@ -103,12 +109,77 @@ def figaroh(logs: Logs) -> Predict:
     return lambda q, v, a: (builder.build_basic_regressor(q, v, a, drives)[:, base] @ found).reshape(n, -1).T
 
 
+def _body(spec: Any, given: Any, name: str) -> None:
+    """Mass, centre and the root of the second moments, which always stand for a body that can exist."""
+    body, root = spec.body(name), np.zeros((3, 3))
+    root[np.tril_indices(3)] = given.value[4:]
+    moments = (np.sum(root**2) + 1e-9) * np.eye(3) - root @ root.T
+    body.mass, body.ipos, body.iquat = given.value[0], given.value[1:4], [1, 0, 0, 0]
+    body.fullinertia = moments[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+
+
+def _joint(spec: Any, given: Any, name: str, kind: str) -> None:
+    setattr(spec.joint(name), kind, np.array([[*given.value], [0], [0]]) if kind == "damping" else given.value[0])
+
+
+def mujoco(logs: Logs) -> Predict:
+    """The torques of the model that MuJoCo's sysid finds, from the robot's own, by inverse dynamics.
+
+    By simulation, as sysid has it, friction and noise take a motion off its log: in pieces of 0.5 s the pendulum keeps
+    4 times as much, after 145 s of the processor. Its own parameters of bodies are for bodies with geoms.
+    """
+    import mujoco as mj
+    from mujoco import sysid
+
+    with tempfile.TemporaryDirectory() as folder:
+        spec = mj.MjSpec.from_file(str(tl.export(logs.robot, Path(folder) / "robot.xml")))
+    spec.option.disableflags |= mj.mjtDisableBit.mjDSBL_CONTACT.value | mj.mjtDisableBit.mjDSBL_LIMIT.value
+    first, params, names = spec.compile(), sysid.ParameterDict(), logs.robot.joint_names
+    for body in (body for body in map(first.body, range(1, first.nbody)) if body.dofnum[0]):
+        x = np.array([max(body.mass[0], 0.1), *body.ipos, 0.1, 0, 0.1, 0, 0, 0.1])
+        off, change = np.array([10 * x[0], *[0.5] * 3, *[2.0] * 6]), functools.partial(_body, name=body.name)
+        params.add(sysid.Parameter(f"body {body.name}", x, np.append(0.01, (x - off)[1:]), x + off, modifier=change))
+    for name in names:
+        for kind in ("armature", "damping", "frictionloss"):
+            change = functools.partial(_joint, name=name, kind=kind)
+            params.add(sysid.Parameter(f"{kind} {name}", 0.5, 0.0, 100.0, modifier=change))
+        params.add(sysid.Parameter(f"offset {name}", 0.0, -50.0, 50.0, modifier=lambda *_: None))
+
+    def torques(params: Any, *now: np.ndarray) -> np.ndarray:
+        model, out = sysid.apply_param_modifiers(params, spec), []
+        data = mj.MjData(model)
+        for data.qpos, data.qvel, data.qacc in zip(*now, strict=True):
+            mj.mj_inverse(model, data)
+            out.append(data.qfrc_inverse.copy())
+        return np.array(out) + [params[f"offset {name}"].value[0] for name in names]
+
+    systems = [filtered(logs.robot, run, logs.fitted) for run in logs.runs]
+    step = max(1, sum(len(tau) for _, tau in systems) // SYSID)
+    *now, tau = (np.concatenate(x)[::step] for x in zip(*((*state, tau) for state, tau in systems), strict=True))
+
+    def residual(x: np.ndarray, params: Any, **_: Any) -> tuple[list[np.ndarray], None, None]:
+        columns = []
+        for column in x.reshape(len(x), -1).T:
+            params.update_from_vector(column)
+            columns.append(((torques(params, *now) - tau) / tau.std(axis=0)).ravel())
+        return [np.stack(columns, axis=-1) if x.ndim > 1 else columns[0]], None, None
+
+    with contextlib.redirect_stdout(io.StringIO()):
+        found = sysid.optimize(initial_params=params, residual_fn=residual, verbose=False, max_iters=100)[0]
+    return lambda *now: torques(found, *now)
+
+
+def installed(peer: str) -> bool:
+    """MuJoCo's sysid is there, but empty, without its extras."""
+    return find_spec(peer) is not None and (peer != "mujoco" or hasattr(import_module("mujoco.sysid"), "optimize"))
+
+
 def ways(given: argparse.Namespace) -> list[str]:
     if given.fit or given.seconds:
         return ["pendulum, fit"] if given.fit else ["twin, seconds"]
     sets = [name for name in ROBOTS if name == "pendulum" or (given.twin if name == "twin" else given.logs)]
     each = ["parts"] if given.parts else ["default", *OPTIONS, "by hand", "published",
-                                          *(["figaroh"] if find_spec("figaroh") else [])]  # fmt: skip
+                                          *filter(installed, ("figaroh", "mujoco"))]  # fmt: skip
     return [f"{name}, {way}" for name in sets for way in each]
 
 
@@ -125,11 +196,11 @@ def rows_of(key: str, given: argparse.Namespace) -> Iterator[Row]:
 def _row(logs: Logs, way: str) -> tuple[str, str, float] | None:
     if way in ("fit", "seconds", "parts"):
         return {"fit": simulated, "seconds": timed, "parts": parts}[way](logs)
-    if way == "published" and logs.published is None:
-        return None
+    if (way == "published" and logs.published is None) or (way == "figaroh" and logs.robot.nv == 1):
+        return None  # figaroh's regressor is for two joints and more
     predict: Predict
-    if way in ("by hand", "figaroh"):
-        predict = (figaroh if way == "figaroh" else by_hand)(logs)
+    if way in ("by hand", "figaroh", "mujoco"):
+        predict = {"by hand": by_hand, "figaroh": figaroh, "mujoco": mujoco}[way](logs)
     elif way == "published":
         predict = lambda q, v, a: logs.robot.regressor(q, v, a) @ np.asarray(logs.published)  # noqa: E731
     else:
