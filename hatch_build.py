@@ -20,7 +20,7 @@ except ImportError:  # the studies use `build` without hatchling
     BuildHookInterface = object
 
 NATIVE = Path(__file__).parent / "twolink" / "native"
-LEVELLED = ("columns", "taylor", "contact/envelope")  # compiled for each level of a processor
+LEVELLED = ("columns", "taylor", "contact/blocks")  # compiled for each level of a processor
 FLAGS = [
     "-std=gnu99",
     "-O3",

@@ -32,14 +32,15 @@ from twolink.algorithms.friction_cone import cone_derivative, onto_cone
 from twolink.integrate.motion.state import Array
 
 NEWTON = 80  # steps before another method leads on: where forces are not determined, it goes round before it finds them
+PATIENCE = 20  # of them, without half of what was missed: it goes in circles
 LEADING = 30  # accelerated steps before Newton's
 LED = 1000  # where nothing else leads there
 POINTS = 60  # of the proximal point method
-INNER = 20  # Newton's steps for each of them
+INNER = 10  # Newton's steps for each of them
 NEARER = 0.3  # what they may miss, relative to what the last one missed of the laws themselves; and by how much e falls
-FIRST, LAST, LARGEST = 1e-3, 1e-10, 1.0  # e of the proximal points: the first, the smallest, the largest
+FIRST, LAST, LARGEST = 1e-2, 1e-10, 1.0  # e of the proximal points: the first, the smallest, the largest
 DAMPING = 0.3  # e, relative to the share of the velocities by which the laws are missed, and the largest
-REGULAR = 1e-11  # the smallest e: what makes Newton's matrix regular where forces are not determined
+REGULAR = 1e-10  # the smallest e: what makes Newton's matrix regular where forces are not determined
 FEW = 50  # contacts for which Newton's method begins at the guess itself
 EXACT = 1e-11  # m/s, and relative to the velocities: what the laws may be missed by
 
@@ -149,11 +150,12 @@ def _led(problem: ContactProblem, p: Array) -> Impulses:
 
 def newton(problem: ContactProblem, guess: Array) -> Array:
     """The best iterate of Newton's method on F."""
-    p, best = guess, (np.inf, guess)
+    p, best, mark, since = guess, (np.inf, guess), np.inf, 0
     for _ in range(NEWTON + 1):
         f, z, _ = problem.miss(p)
         residual = problem.residual(f)
-        if not np.isfinite(residual):
+        mark, since = (residual, 1) if residual < 0.5 * mark else (mark, since + 1)
+        if not np.isfinite(residual) or since > PATIENCE + 1:
             break
         ends = residual <= 0.01 * EXACT or EXACT >= best[0] < 2.0 * residual
         best = min(best, (residual, p), key=lambda one: one[0])

@@ -42,7 +42,7 @@ def correction(inverse: Any, rows: Any, off: Array, lasts: Array, rests: Array) 
     if np.abs(off[lasts]).max(initial=0.0) < CLOSED and off[normal & ~lasts].min(initial=0.0) > -CLOSED:
         return np.zeros(rows.shape[1])
     for equal in (lasts, np.zeros_like(lasts)):
-        sought = equal | normal & (off < 0.0)
+        sought = equal | normal & (off < -CLOSED)
         try:
             for _ in range(SETS):
                 near = np.flatnonzero(sought)

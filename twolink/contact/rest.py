@@ -19,6 +19,7 @@ import scipy.sparse as sparse
 from twolink.contact.bodies import Multibody
 from twolink.contact.impulses import EXACT, factors
 from twolink.contact.steps import AtRest, Memory, Step, TakenSteps
+from twolink.geometry.points import CLOSED
 from twolink.integrate.motion.state import Array
 from twolink.native.contact import StepPlan
 
@@ -64,8 +65,8 @@ def at_rest(bodies: Multibody, plan: StepPlan, number: int, q: Array, v: Array, 
     """
     speed = max(np.abs(v).max(), np.abs(step.v).max())
     stays = step.impulses is not None and step.memory.stuck.all() and np.array_equal(step.memory.keys, memory.keys)
-    if not stays or speed > EXACT or not _determined(step.rows):
-        return step
+    if not stays or speed > EXACT or np.abs(step.q - q).max() > CLOSED or not _determined(step.rows):
+        return step  # gaps that close move what has no velocity
     zero = np.zeros_like(v)
     m = step.memory
     passed = Memory.of(m.keys, m.forces, m.stuck, m.still, np.zeros_like(m.change), m.overlap, m.unfollowed)

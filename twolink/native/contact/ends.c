@@ -47,7 +47,7 @@ static void shift(ending *e, double *out) {
     const double share[3] = {law->late[k] * p[0], law->late[k] * p[1], law->late[k] * p[2]};
     tl_add_row(law->rows + k, law->rows[k].y, share, out);
   }
-  tl_free_outward(e->s, out);
+  tl_outward(e->s, out);
   for (int k = 0; k < law->n; k++) {
     if (!presses(e, k) || !law->known[k]) continue;
     tl_row_times(law->rows + k, out, u);

@@ -5,37 +5,26 @@ proximal points where it goes in circles. Statement, laws and sources: contact/i
 
 #define DAMPING 0.3   /* e, relative to the share of the velocities by which the laws are missed, and the largest */
 #define NEARER 0.3    /* what a proximal point may miss, relative to the last one; and by how much e falls */
-#define FIRST 1e-3    /* e of the proximal points: the first, the smallest, the largest */
+#define FLOOR 1e-10 /* the smallest e: what makes the equations regular where forces are not determined */
+#define FIRST 1e-2    /* e of the proximal points: the first, the smallest, the largest */
 #define LAST 1e-10
 #define LARGEST 1.0
-enum { NEWTON = 80, LEADING = 30, LED = 1000, POINTS = 60, INNER = 20, FEW = 50 };
+enum { NEWTON = 80, PATIENCE = 20, LEADING = 30, LED = 1000, POINTS = 60, INNER = 10, FEW = 50 };
 
-/* What the methods work with: u, z, F, and others of the same size (3n); C / g of what presses (n, 9); and the matrix of Newton's
-method. */
+/* What the methods work with: u, z, F, and others of the same size (3n). */
 typedef struct {
   int level;
   const tl_problem *problem;
-  double *u, *z, *f, *best, *ahead, *anchor, *nearest, *step, *right, *scaled;
-  int32_t *chosen, *number;
-  tl_envelope matrix;
-  size_t blocks;
+  double *u, *z, *f, *best, *ahead, *anchor, *nearest, *step;
 } workspace;
 
 static int new_workspace(tl_scene *s, const tl_problem *problem, workspace *w) {
-  const size_t n = (size_t)problem->g.n;
-  double *x = tl_take(&s->work, 36 * n, sizeof(double));
-  w->level = s->level, w->problem = problem, w->blocks = problem->g.at[n];
-  w->chosen = tl_take(&s->work, n, sizeof(int32_t));
-  w->number = tl_take(&s->work, n + 1, sizeof(int32_t));
-  w->matrix.first = tl_take(&s->work, n, sizeof(int32_t));
-  w->matrix.at = tl_take(&s->work, n + 1, sizeof(size_t));
-  w->matrix.lower = tl_take(&s->work, 9 * w->blocks, sizeof(double));
-  w->matrix.upper = tl_take(&s->work, 9 * w->blocks, sizeof(double));
-  if (!x || !w->chosen || !w->number || !w->matrix.first || !w->matrix.at || !w->matrix.lower || !w->matrix.upper)
-    return TL_NO_MEMORY;
-  double **const parts[9] = {&w->u, &w->z, &w->f, &w->best, &w->ahead, &w->anchor, &w->nearest, &w->step, &w->right};
-  for (int k = 0; k < 9; k++) *parts[k] = x + 3 * n * (size_t)k;
-  w->scaled = x + 27 * n;
+  const size_t n = (size_t)problem->g.points;
+  double *x = tl_take(&s->work, 24 * n, sizeof(double));
+  if (!x) return TL_NO_MEMORY;
+  double **const parts[8] = {&w->u, &w->z, &w->f, &w->best, &w->ahead, &w->anchor, &w->nearest, &w->step};
+  w->level = s->level, w->problem = problem;
+  for (int k = 0; k < 8; k++) *parts[k] = x + 3 * n * (size_t)k;
   return TL_FINE;
 }
 
@@ -56,8 +45,8 @@ point, or 0 and NULL. */
 static double miss(workspace *w, const double *p, double damping, const double *anchor) {
   const tl_problem *q = w->problem;
   double worst = 0.0;
-  tl_envelope_times(w->level, &q->g, p, w->u);
-  for (int i = 0; i < q->g.n; i++) {
+  tl_system_times(w->level, &q->g, p, w->u);
+  for (int i = 0; i < q->g.points; i++) {
     double *u = w->u + 3 * i, *z = w->z + 3 * i, *f = w->f + 3 * i;
     const double *own = p + 3 * i, size = q->size[i];
     for (int k = 0; k < 3; k++) {
@@ -87,7 +76,7 @@ static void add_joint(const double *bounds, double size, double p, double u, tl_
 static tl_answer answer(workspace *w, const double *p, int solver) {
   const tl_problem *q = w->problem;
   tl_answer out = {miss(w, p, 0.0, NULL), 0.0, 0.0, solver};
-  for (int i = 0; i < q->g.n; i++) {
+  for (int i = 0; i < q->g.points; i++) {
     const double *own = p + 3 * i, *u = w->u + 3 * i, limit = q->mu[i] * own[2];
     if (q->mu[i] < 0.0) {
       for (int k = 0; k < 3; k++) add_joint(q->bounds + 6 * i + 2 * k, q->size[i], own[k], u[k], &out);
@@ -104,115 +93,62 @@ static tl_answer answer(workspace *w, const double *p, int solver) {
 /* Whether an impulse is within its bounds, and changes with the velocities. */
 static int is_inside(const double *bounds, double z) { return z > bounds[0] && z < bounds[1]; }
 
-/* Whether a block presses: its derivative is not 0. */
-static int presses(const tl_problem *q, int i, const double *z) {
-  if (!(q->mu[i] < 0.0)) return z[2] > 0.0;
-  const double *bounds = q->bounds + 6 * i;
-  return is_inside(bounds, z[0]) || is_inside(bounds + 2, z[1]) || is_inside(bounds + 4, z[2]);
-}
-
-/* dproj / dz of what presses. */
-static void derivative(const tl_problem *q, int i, const double *z, double *c) {
-  const double mu = q->mu[i], length = sqrt(z[0] * z[0] + z[1] * z[1]), limit = mu * z[2];
-  memset(c, 0, 9 * sizeof(double));
-  if (mu < 0.0) {
-    for (int k = 0; k < 3; k++) c[4 * k] = is_inside(q->bounds + 6 * i + 2 * k, z[k]);
-    return;
+/* E^-1 and E^-1 C / g of a block, for C = dproj / dz and E = 1 - C + e C. Across a slip along x, C is s (1 - x x^T). */
+static void equations_of(const tl_problem *q, int i, const double *z, double damping, double *inverse, double *coupling) {
+  const double mu = q->mu[i], length = sqrt(z[0] * z[0] + z[1] * z[1]), limit = mu * z[2], g = q->size[i];
+  const double full = 1.0 / damping;
+  memset(inverse, 0, 9 * sizeof(double));
+  memset(coupling, 0, 9 * sizeof(double));
+  for (int k = 0; k < 3; k++) {
+    const int presses = mu < 0.0 ? is_inside(q->bounds + 6 * i + 2 * k, z[k]) : z[2] > 0.0;
+    inverse[4 * k] = presses ? full : 1.0, coupling[4 * k] = presses ? full / g : 0.0;
   }
-  c[0] = c[4] = c[8] = 1.0;
-  if (!(length > limit)) return;
-  const double x = z[0] / length, y = z[1] / length, share = limit / length;
-  c[0] = share * (1.0 - x * x), c[1] = c[3] = -share * x * y, c[4] = share * (1.0 - y * y);
-  c[2] = mu * x, c[5] = mu * y;
-}
-
-/* A B^T */
-static void product_with_transpose(const double *a, const double *b, double *out) {
-  for (int r = 0; r < 3; r++)
-    for (int c = 0; c < 3; c++) out[3 * r + c] = tl_dot(a + 3 * r, b + 3 * c);
-}
-
-/* The shape of Newton's matrix: that of G between what presses. */
-static void shape(workspace *w) {
-  tl_envelope *m = &w->matrix;
-  m->at[0] = 0;
-  for (int a = 0; a < m->n; a++) {
-    m->first[a] = w->number[w->problem->g.first[w->chosen[a]]];
-    m->at[a + 1] = m->at[a] + (size_t)(a - m->first[a] + 1);
-  }
-}
-
-/* Newton's matrix of what presses, (I - C) + C (G / g + e), and the right side F - C G d / g, d: the step of what does not. Of the
-block (b, a) above the diagonal the transpose is kept, G_ab (C_b / g_b)^T. */
-static void assemble(workspace *w, double damping) {
-  const tl_problem *q = w->problem;
-  tl_envelope *m = &w->matrix;
-  shape(w);
-  for (int a = 0; a < m->n; a++) {
-    const int i = w->chosen[a];
-    const size_t from = tl_row_length(&q->g, i), to = tl_row_length(m, a);
-    double c[9], block[9], product[9], *scaled = w->scaled + 9 * a, *x = w->right + 3 * a, y[3];
-    derivative(q, i, w->z + 3 * i, c);
-    for (int k = 0; k < 9; k++) scaled[k] = c[k] / q->size[i];
-    tl_times(scaled, w->u + 3 * i, y); /* u: G d */
-    tl_minus(w->f + 3 * i, y, x);
-    for (int b = m->first[a]; b < a; b++) {
-      tl_get_block(tl_block_at(&q->g, q->g.lower, i, w->chosen[b]), from, block);
-      tl_product(scaled, block, product);
-      tl_set_block(tl_block_at(m, m->lower, a, b), to, product);
-      product_with_transpose(block, w->scaled + 9 * b, product);
-      tl_set_block(tl_block_at(m, m->upper, a, b), to, product);
+  if (mu < 0.0 || !(z[2] > 0.0) || !(length > limit)) return;
+  const double x[2] = {z[0] / length, z[1] / length}, s = limit / length, across = 1.0 / (1.0 - (1.0 - damping) * s);
+  for (int k = 0; k < 2; k++) {
+    for (int m = 0; m < 2; m++) {
+      const double own = x[k] * x[m], other = (k == m) - own;
+      inverse[3 * k + m] = own + across * other, coupling[3 * k + m] = s * across * other / g;
     }
-    tl_get_block(tl_block_at(&q->g, q->g.lower, i, i), from, block);
-    tl_product(scaled, block, product);
-    for (int k = 0; k < 9; k++) product[k] += (k % 4 == 0) + (damping - 1.0) * c[k];
-    tl_set_block(tl_block_at(m, m->lower, a, a), to, product);
+    inverse[3 * k + 2] = (1.0 - damping) * full * mu * x[k], coupling[3 * k + 2] = full * mu * x[k] / g;
   }
 }
 
 /* P less (I - C + C (G / g + e))^-1 F; where nothing presses less F. 0 where the matrix is singular. */
 static int newton_step(workspace *w, double *p, double damping) {
-  const tl_problem *q = w->problem;
-  const int n = q->g.n;
-  int count = 0;
-  for (int i = 0; i < n; i++) {
-    const int is_chosen = presses(q, i, w->z + 3 * i);
-    w->number[i] = count;
-    if (is_chosen) w->chosen[count++] = i;
-    for (int k = 0; k < 3; k++) w->step[3 * i + k] = is_chosen ? 0.0 : w->f[3 * i + k];
-  }
-  w->matrix.n = count;
-  tl_envelope_times(w->level, &q->g, w->step, w->u);
-  assemble(w, damping);
-  if (!tl_factor_envelope(w->level, &w->matrix)) return 0;
-  tl_solve_envelope(w->level, &w->matrix, w->right);
-  for (int a = 0; a < count; a++) tl_copy3(w->right + 3 * a, w->step + 3 * w->chosen[a]);
-  for (int i = 0; i < 3 * n; i++) p[i] -= w->step[i];
+  const tl_system *g = &w->problem->g;
+  for (int i = 0; i < g->points; i++)
+    equations_of(w->problem, i, w->z + 3 * i, damping, g->inverse + 9 * i, g->coupling + 9 * i);
+  if (!tl_factor_system(w->level, g)) return 0;
+  memcpy(w->step, w->f, (size_t)g->points * 3 * sizeof(double));
+  tl_solve_system(w->level, g, w->step);
+  for (int i = 0; i < 3 * g->points; i++) p[i] -= w->step[i];
   return 1;
 }
 
 /* The best iterate of Newton's method on F, in place of the guess. */
 static void newton(workspace *w, double *p) {
-  const size_t bytes = (size_t)w->problem->g.n * 3 * sizeof(double);
-  double best = INFINITY;
+  const size_t bytes = (size_t)w->problem->g.points * 3 * sizeof(double);
+  double best = INFINITY, mark = INFINITY;
   memcpy(w->best, p, bytes);
-  for (int k = 0; k <= NEWTON; k++) {
+  for (int k = 0, since = 0; k <= NEWTON && since <= PATIENCE; k++, since++) {
     const double residual = miss(w, p, 0.0, NULL);
     if (!isfinite(residual)) break;
+    if (residual < 0.5 * mark) mark = residual, since = 0;
     const int ends = residual <= 0.01 * TL_EXACT || (TL_EXACT >= best && best < 2.0 * residual);
     if (residual < best) {
       best = residual;
       memcpy(w->best, p, bytes);
     }
     const double share = residual * w->problem->scale / w->problem->fastest, most = DAMPING * share;
-    if (ends || !newton_step(w, p, tl_limited(most, TL_REGULAR, DAMPING))) break;
+    if (ends || !newton_step(w, p, tl_limited(most, FLOOR, DAMPING))) break;
   }
   memcpy(p, w->best, bytes);
 }
 
 /* Steps of P - F / 3 with momentum, which is lost where it leads back. */
 static void accelerated(workspace *w, double *p, int count) {
-  const int n = 3 * w->problem->g.n;
+  const int n = 3 * w->problem->g.points;
   double inertia = 1.0;
   memcpy(w->ahead, p, (size_t)n * sizeof(double));
   for (int k = 0; k < count; k++) {
@@ -232,20 +168,20 @@ static void accelerated(workspace *w, double *p, int count) {
 /* The solution of the laws with U + e g (P - anchor) in place of U, in place of the anchor; 0 where Newton's method does not
 find it. What obeys the laws as they are is taken at once. */
 static int proximal_point(workspace *w, double *p, double damping, double small) {
-  memcpy(w->anchor, p, (size_t)w->problem->g.n * 3 * sizeof(double));
+  memcpy(w->anchor, p, (size_t)w->problem->g.points * 3 * sizeof(double));
   for (int k = 0; k <= INNER; k++) {
     if (miss(w, p, 0.0, NULL) <= TL_EXACT) return 1;
     const double residual = miss(w, p, damping, w->anchor);
     if (residual <= small) return 1;
     if (!isfinite(residual) || !newton_step(w, p, damping)) break;
   }
-  memcpy(p, w->anchor, (size_t)w->problem->g.n * 3 * sizeof(double));
+  memcpy(p, w->anchor, (size_t)w->problem->g.points * 3 * sizeof(double));
   return 0;
 }
 
 /* The best of proximal points, whose e falls while Newton's method finds them. */
 static void proximal(workspace *w, double *p) {
-  const size_t bytes = (size_t)w->problem->g.n * 3 * sizeof(double);
+  const size_t bytes = (size_t)w->problem->g.points * 3 * sizeof(double);
   double best = INFINITY, damping = FIRST;
   memcpy(w->nearest, p, bytes);
   for (int k = 0; k < POINTS; k++) {
@@ -264,13 +200,13 @@ static void proximal(workspace *w, double *p) {
 
 /* size and velocities of a problem whose G and b are there. */
 int tl_problem_sizes(tl_scene *s, tl_problem *q) {
-  q->size = tl_take(&s->work, (size_t)q->g.n, sizeof(double));
+  q->size = tl_take(&s->work, (size_t)q->g.points, sizeof(double));
   if (!q->size) return TL_NO_MEMORY;
   q->fastest = 1e-300;
-  for (int i = 0; i < q->g.n; i++) {
-    double own[9];
-    tl_get_block(tl_block_at(&q->g, q->g.lower, i, i), tl_row_length(&q->g, i), own);
-    q->size[i] = tl_larger(tl_larger(own[0], own[4]), tl_larger(own[8], 1e-300));
+  for (int i = 0; i < q->g.points; i++) {
+    double own[3];
+    tl_system_diagonal(&q->g, i, own);
+    q->size[i] = tl_larger(tl_larger(own[0], own[1]), tl_larger(own[2], 1e-300));
     for (int k = 0; k < 3; k++) q->fastest = tl_larger(q->fastest, fabs(q->b[3 * i + k]));
   }
   q->scale = tl_larger(1.0, q->fastest);
@@ -283,7 +219,7 @@ int tl_solve_impulses(tl_scene *s, const tl_problem *problem, double *p, tl_answ
   const size_t mark = s->work.used;
   const int code = new_workspace(s, problem, &w);
   if (code) return code;
-  if (problem->g.n > FEW) accelerated(&w, p, LEADING);
+  if (problem->g.points > FEW) accelerated(&w, p, LEADING);
   newton(&w, p);
   *out = answer(&w, p, TL_NEWTON);
   if (!(out->residual <= TL_EXACT)) {

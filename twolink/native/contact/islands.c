@@ -1,9 +1,4 @@
-/* The contact problem of a step, island by island: bodies that no contact connects have problems of their own. The points of an
-island stand as its bodies lie, so that envelopes are narrow.
-
-Trees of bodies are the nodes of a graph, points between two of them its edges. They are numbered breadth first from a node as
-far out as one search finds (Cuthill, McKee, Proc. 24th Nat. Conf. ACM (1969) 157-172; George, Liu, ACM Trans. Math. Softw. 5
-(1979) 284-295). */
+/* The contact problem of a step, island by island: bodies that no contact connects have problems of their own. */
 #include "step.h"
 #include "vectors.h"
 
@@ -12,15 +7,9 @@ far out as one search finds (Cuthill, McKee, Proc. 24th Nat. Conf. ACM (1969) 15
 #define CREATED 1e-6 /* of the energy that impulses take: what counts as created */
 enum { ROUNDS = 20, HALVED = 10 };
 
-/* The graph: the neighbours of tree b are near[from[b]] to near[from[b + 1]]. number: of each tree, -1 at first. */
-typedef struct {
-  int32_t *from, *near, *number, *island, *queue;
-} graph;
-
 static int compare(const void *a, const void *b) {
   const tl_place_of *x = a, *y = b;
   if (x->island != y->island) return x->island < y->island ? -1 : 1;
-  if (x->rank != y->rank) return x->rank < y->rank ? -1 : 1;
   if (x->body != y->body) return x->body < y->body ? -1 : 1;
   return x->point < y->point ? -1 : x->point > y->point;
 }
@@ -32,135 +21,43 @@ static int trees_of(const tl_scene *s, const tl_point *point, int32_t *trees) {
   return first > point->second ? first : point->second;
 }
 
-/* The graph of the marked points. */
-static int graph_of(tl_scene *s, const tl_law *law, const uint8_t *marked, graph *out) {
-  const size_t bodies = (size_t)s->bodies;
-  int32_t trees[2], *numbers = tl_take(&s->work, 4 * bodies + 1, sizeof(int32_t));
-  if (!numbers) return TL_NO_MEMORY;
-  out->number = numbers, out->island = numbers + bodies, out->queue = numbers + 2 * bodies, out->from = numbers + 3 * bodies;
-  memset(out->from, 0, (bodies + 1) * sizeof(int32_t));
-  for (int k = 0; k < law->n; k++) {
-    if (!marked[k]) continue;
-    trees_of(s, law->points + k, trees);
-    if (trees[0] && trees[1] && trees[0] != trees[1]) out->from[trees[0]]++, out->from[trees[1]]++;
-  }
-  int32_t all = 0;
-  for (size_t b = 0; b <= bodies; b++) {
-    all += out->from[b];
-    out->from[b] = all; /* the end, from which they are filled to the begin */
-  }
-  out->near = tl_take(&s->work, (size_t)all, sizeof(int32_t));
-  if (!out->near) return TL_NO_MEMORY;
-  for (int k = law->n - 1; k >= 0; k--) {
-    if (!marked[k]) continue;
-    trees_of(s, law->points + k, trees);
-    if (!trees[0] || !trees[1] || trees[0] == trees[1]) continue;
-    out->near[--out->from[trees[0]]] = trees[1];
-    out->near[--out->from[trees[1]]] = trees[0];
-  }
-  return TL_FINE;
+/* The first tree of those that are connected with a tree, see `tl_in_order`. */
+static int32_t first_of(int32_t *up, int32_t tree) {
+  while (up[tree] != tree) tree = up[tree] = up[up[tree]];
+  return tree;
 }
 
-/* Number the trees that are connected with one, breadth first from a number on; the last of them. */
-static int32_t search(graph *g, int32_t start, int32_t island, int32_t number, int32_t *count) {
-  int32_t done = 0, size = 1;
-  g->queue[0] = start, g->number[start] = number, g->island[start] = island;
-  for (; done < size; done++)
-    for (int32_t k = g->from[g->queue[done]]; k < g->from[g->queue[done] + 1]; k++) {
-      const int32_t next = g->near[k];
-      if (g->number[next] >= 0) continue;
-      g->number[next] = number + size, g->island[next] = island, g->queue[size++] = next;
-    }
-  *count = size;
-  return g->queue[size - 1];
-}
-
-/* Number all trees. */
-static void number_trees(const tl_scene *s, graph *g) {
-  int32_t number = 0, count = 0;
-  for (int b = 0; b < s->bodies; b++) g->number[b] = -1;
-  for (int b = 1; b < s->bodies; b++) {
-    if (g->number[b] >= 0 || s->body[b].tree != b) continue;
-    const int32_t far = search(g, b, b, number, &count);
-    for (int32_t k = 0; k < count; k++) g->number[g->queue[k]] = -1;
-    search(g, far, b, number, &count);
-    number += count;
-  }
-}
-
-/* The marked points in the order of their islands, and how many there are. */
+/* The marked points in the order of their islands, and how many there are. Trees of bodies that a point connects have the same
+first tree (union by halved paths: Tarjan, van Leeuwen, J. ACM 31 (1984) 245-281). */
 int tl_in_order(tl_scene *s, const tl_law *law, const uint8_t *marked, tl_place_of **order, int *size) {
-  graph g;
+  int32_t trees[2], *up = tl_take(&s->work, (size_t)s->bodies, sizeof(int32_t));
+  tl_place_of *out = *order = tl_take(&s->work, (size_t)law->n, sizeof(tl_place_of));
   int count = 0;
-  for (int k = 0; k < law->n; k++) count += marked[k];
-  tl_place_of *out = *order = tl_take(&s->work, (size_t)count, sizeof(tl_place_of));
-  if (!out) return TL_NO_MEMORY;
-  const int code = graph_of(s, law, marked, &g);
-  if (code) return code;
-  number_trees(s, &g);
-  *size = count, count = 0;
+  if (!up || !out) return TL_NO_MEMORY;
+  for (int b = 0; b < s->bodies; b++) up[b] = b;
   for (int k = 0; k < law->n; k++) {
-    int32_t trees[2];
     if (!marked[k]) continue;
     const int later = trees_of(s, law->points + k, trees);
-    const int32_t a = trees[0] ? trees[0] : trees[1], b = trees[1] ? trees[1] : trees[0];
-    const int32_t rank = g.number[a] > g.number[b] ? g.number[a] : g.number[b];
-    out[count++] = (tl_place_of){a ? g.island[a] : 0, a ? rank : 0, later, k};
+    const int32_t a = first_of(up, trees[0]), b = first_of(up, trees[1]);
+    if (a && b) up[a > b ? a : b] = a < b ? a : b;
+    out[count++] = (tl_place_of){a ? a : b, later, k};
   }
+  for (int i = 0; i < count; i++) out[i].island = first_of(up, out[i].island);
   qsort(out, (size_t)count, sizeof(tl_place_of), compare);
+  *size = count;
   return TL_FINE;
 }
 
-/* Where a point stands in a problem: its block, and of a joint's point the row in it, and which of the point's own it is. */
-typedef struct {
-  int32_t block, row, own;
-} place_in;
-
 /* The blocks of points: of each contact its own, of up to three joints' points that follow each other one. */
-static int place_in_blocks(const tl_law *law, const int32_t *active, int n, place_in *places) {
+static int place_in_blocks(const tl_law *law, const int32_t *active, int n, tl_place_in *places) {
   int count = 0, row = 3;
   for (int i = 0; i < n; i++) {
     const int k = active[i], of_joint = law->of_joints[k];
     if (!of_joint || row == 3) count++, row = 0;
-    places[i] = (place_in){count - 1, of_joint ? row++ : 0, of_joint && law->given[k] > 0.0 ? 0 : 2};
+    places[i] = (tl_place_in){count - 1, of_joint ? row++ : 0, !of_joint ? -1 : law->given[k] > 0.0 ? 0 : 2};
     if (!of_joint) row = 3;
   }
   return count;
-}
-
-/* Y of up to three joints' points as one row: their degrees of freedom fall. */
-static int joined_row(tl_scene *s, const tl_law *law, const int32_t *active, const place_in *places, int n, tl_row *out) {
-  const tl_row *rows[3];
-  int most = 0, at[3] = {0, 0, 0};
-  for (int r = 0; r < n; r++) rows[r] = law->rows + active[r], most += rows[r]->count;
-  out->dof = tl_take(&s->work, (size_t)most, sizeof(int32_t));
-  out->y = tl_take(&s->work, 3 * (size_t)most, sizeof(double));
-  out->in_loops = s->loop_rank ? tl_take(&s->work, 3 * (size_t)s->loop_rank, sizeof(double)) : NULL;
-  if (!out->dof || !out->y || (s->loop_rank && !out->in_loops)) return TL_NO_MEMORY;
-  for (out->count = 0;; out->count++) {
-    int32_t d = -1;
-    double *y = out->y + 3 * out->count;
-    for (int r = 0; r < n; r++)
-      if (at[r] < rows[r]->count && rows[r]->dof[at[r]] > d) d = rows[r]->dof[at[r]];
-    if (d < 0) break;
-    out->dof[out->count] = d, y[0] = y[1] = y[2] = 0.0;
-    for (int r = 0; r < n; r++)
-      if (at[r] < rows[r]->count && rows[r]->dof[at[r]] == d) y[r] = rows[r]->y[3 * at[r]++ + places[r].own];
-  }
-  for (int i = 0; out->in_loops && i < 3 * s->loop_rank; i++) {
-    const int r = i % 3;
-    out->in_loops[i] = r < n && rows[r]->in_loops ? rows[r]->in_loops[i - r + places[r].own] : 0.0;
-  }
-  return TL_FINE;
-}
-
-/* Rows of joints that are none get a size, so that their impulses are 0. */
-static void complete(tl_problem *problem, int i) {
-  double *at = tl_block_at(&problem->g, problem->g.lower, i, i), size = 0.0;
-  const size_t next = tl_row_length(&problem->g, i) + 1;
-  for (size_t k = 0; k < 3; k++) size = tl_larger(size, at[k * next]);
-  for (size_t k = 0; k < 3; k++)
-    if (problem->bounds[6 * (size_t)i + 2 * k + 1] == 0.0) at[k * next] = size;
 }
 
 /* What the velocity along the normal is to exceed, against its sign: what a gap leaves open, or bounces give. */
@@ -169,7 +66,7 @@ static double limit_of(const tl_law *law, int k) {
 }
 
 /* b, friction and bounds of a point. */
-static void law_of(const tl_law *law, int k, const place_in *place, tl_problem *out) {
+static void law_of(const tl_law *law, int k, const tl_place_in *place, tl_problem *out) {
   double *b = out->b + 3 * place->block, *bounds = out->bounds + 6 * place->block + 2 * place->row;
   const double *after = law->after + 3 * k;
   if (!law->of_joints[k]) {
@@ -185,36 +82,25 @@ static void law_of(const tl_law *law, int k, const place_in *place, tl_problem *
 }
 
 /* The problem of points (n) in so many blocks: G, b and the laws. */
-static int problem_of(tl_scene *s, const tl_law *law, const int32_t *active, int n, const place_in *places, int blocks,
+static int problem_of(tl_scene *s, const tl_law *law, const int32_t *active, int n, const tl_place_in *places, int blocks,
                       tl_problem *out) {
-  const tl_row **rows = tl_take(&s->work, (size_t)blocks, sizeof *rows);
-  tl_row *joined = tl_take(&s->work, (size_t)blocks, sizeof *joined);
+  const tl_row **rows = tl_take(&s->work, (size_t)n, sizeof *rows);
   out->b = tl_take(&s->work, 10 * (size_t)blocks, sizeof(double));
-  if (!rows || !joined || !out->b) return TL_NO_MEMORY;
+  if (!rows || !out->b) return TL_NO_MEMORY;
   memset(out->b, 0, 10 * (size_t)blocks * sizeof(double));
   out->bounds = out->b + 3 * blocks, out->mu = out->b + 9 * blocks;
-  for (int i = 0, end; i < n; i = end) {
-    const int block = places[i].block;
-    for (end = i; end < n && places[end].block == block; end++) {
-      const int k = active[end], code = tl_need_row(s, law->points + k, law->rows + k);
-      if (code) return code;
-      law_of(law, k, places + end, out);
-    }
-    rows[block] = law->rows + active[i];
-    if (!law->of_joints[active[i]]) continue;
-    const int code = joined_row(s, law, active + i, places + i, end - i, joined + block);
+  for (int i = 0; i < n; i++) {
+    const int k = active[i], code = tl_need_row(s, law->points + k, law->rows + k);
     if (code) return code;
-    rows[block] = joined + block;
+    rows[i] = law->rows + k;
+    law_of(law, k, places + i, out);
   }
-  const int code = tl_envelope_of(s, rows, blocks, &out->g);
-  if (code) return code;
-  for (int i = 0; i < blocks; i++)
-    if (out->mu[i] < 0.0) complete(out, i);
-  return tl_problem_sizes(s, out);
+  const int code = tl_new_system(s, rows, places, n, blocks, &out->g);
+  return code ? code : tl_problem_sizes(s, out);
 }
 
 /* The impulses of the points (n) of an island, or their velocities, in its blocks; and back, those of other rows 0. */
-static void to_blocks(const tl_law *law, const int32_t *active, int n, const place_in *places, const double *x, double *out) {
+static void to_blocks(const tl_law *law, const int32_t *active, int n, const tl_place_in *places, const double *x, double *out) {
   for (int i = 0; i < n; i++) {
     double *to = out + 3 * places[i].block;
     if (law->of_joints[active[i]]) to[places[i].row] = x[3 * active[i] + places[i].own];
@@ -222,7 +108,7 @@ static void to_blocks(const tl_law *law, const int32_t *active, int n, const pla
   }
 }
 
-static void from_blocks(const tl_law *law, const int32_t *active, int n, const place_in *places, const double *x, double *out) {
+static void from_blocks(const tl_law *law, const int32_t *active, int n, const tl_place_in *places, const double *x, double *out) {
   memset(out, 0, 3 * (size_t)n * sizeof(double));
   for (int i = 0; i < n; i++) {
     const double *from = x + 3 * places[i].block;
@@ -235,7 +121,7 @@ static void from_blocks(const tl_law *law, const int32_t *active, int n, const p
 static int solve_island(tl_scene *s, const tl_law *law, const int32_t *active, int n, double scale, double *p, double *u,
                         tl_answer *answer) {
   tl_problem problem;
-  place_in *places = tl_take(&s->work, (size_t)n, sizeof *places);
+  tl_place_in *places = tl_take(&s->work, (size_t)n, sizeof *places);
   if (!places) return TL_NO_MEMORY;
   const int blocks = place_in_blocks(law, active, n, places), size = 3 * blocks;
   double *x = tl_take(&s->work, 2 * (size_t)size, sizeof(double));
@@ -248,7 +134,7 @@ static int solve_island(tl_scene *s, const tl_law *law, const int32_t *active, i
   to_blocks(law, active, n, places, law->guess, x);
   code = tl_solve_impulses(s, &problem, x, answer);
   if (code) return code;
-  tl_envelope_times(s->level, &problem.g, x, left);
+  tl_system_times(s->level, &problem.g, x, left);
   for (int i = 0; i < size; i++) left[i] += problem.b[i];
   from_blocks(law, active, n, places, x, p);
   from_blocks(law, active, n, places, left, u);
@@ -272,7 +158,7 @@ static void velocities_after(tl_scene *s, const tl_law *law, const double *free,
     const tl_row *row = law->rows + found->active[i];
     tl_add_row(row, row->y, found->p + 3 * i, found->ends);
   }
-  tl_free_outward(s, found->ends);
+  tl_outward(s, found->ends);
   for (int d = 0; d < s->nv; d++) found->ends[d] += free[d];
 }
 

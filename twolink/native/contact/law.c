@@ -156,7 +156,7 @@ int tl_unfollowed(tl_scene *s, const tl_law *law, const tl_solution *found, doub
     if (!(law->heights[k] > 0.0 && found->p[3 * i + 2] > 0.0)) continue;
     memset(x, 0, (size_t)s->nv * sizeof(double));
     tl_add_row(law->rows + k, law->rows[k].y, NORMAL, x);
-    tl_free_outward(s, x);
+    tl_outward(s, x);
     tl_row_times(law->rows + k, x, u);
     for (int d = 0; d < s->nv; d++) most = tl_larger(most, fabs(x[d]));
     *out = tl_larger(*out, most * law->heights[k] / u[2]);

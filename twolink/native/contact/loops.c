@@ -117,30 +117,28 @@ void tl_keep_loops(tl_scene *s, double *free) {
   if (s->loops) add_response(s, s->loop_missed, free);
 }
 
-/* x <- W x of impulses x = L^-T f. */
-void tl_free_outward(tl_scene *s, double *x) {
-  double *y = s->loop_change;
-  for (int i = 0; i < s->loop_rank; i++) {
-    if (!i)
-      for (int d = 0; d < s->nv; d++) y[d] = x[d] * sqrt(s->inverse[d]);
-    add(-dot(s->loop_basis + i * s->nv, y, s->nv), s->loop_basis + i * s->nv, y, s->nv);
+/* J and Y of a row over all degrees of freedom, of Y what loops leave free: D^1/2 (1 - Q Q^T) D^-1/2 Y. */
+int tl_within_loops(tl_scene *s, tl_row *row) {
+  const int nv = s->nv;
+  int32_t *dof = tl_take(&s->work, (size_t)nv, sizeof(int32_t));
+  double *j = tl_take(&s->work, 6 * (size_t)nv, sizeof(double)), *y = j + 3 * nv;
+  if (!dof || !j) return TL_NO_MEMORY;
+  memset(j, 0, 6 * (size_t)nv * sizeof(double));
+  for (int k = 0; k < row->count; k++) {
+    const int at = 3 * (nv - 1 - row->dof[k]);
+    tl_copy3(row->j + 3 * k, j + at);
+    tl_add_scaled(sqrt(s->inverse[row->dof[k]]), row->y + 3 * k, y + at);
   }
-  for (int d = 0; s->loop_rank && d < s->nv; d++) x[d] = y[d] / sqrt(s->inverse[d]);
-  tl_outward(s, x);
-}
-
-/* Q^T D^-1/2 Y (3 x rank) of a row, by which the loops make blocks of G smaller. */
-int tl_loop_parts(tl_scene *s, tl_row *row) {
-  row->in_loops = NULL;
-  if (!s->loop_rank) return TL_FINE;
-  double *out = tl_take(&s->work, 3 * (size_t)s->loop_rank, sizeof(double));
-  if (!out) return TL_NO_MEMORY;
-  memset(out, 0, 3 * (size_t)s->loop_rank * sizeof(double));
-  for (int i = 0; i < s->loop_rank; i++)
-    for (int k = 0; k < row->count; k++) {
-      const int d = row->dof[k];
-      tl_add_scaled(s->loop_basis[i * s->nv + d] * sqrt(s->inverse[d]), row->y + 3 * k, out + 3 * i);
-    }
-  row->in_loops = out;
+  for (int i = 0; i < s->loop_rank; i++) {
+    const double *own = s->loop_basis + i * nv;
+    double part[3] = {0, 0, 0};
+    for (int d = 0; d < nv; d++) tl_add_scaled(own[d], y + 3 * (nv - 1 - d), part);
+    for (int d = 0; d < nv; d++) tl_add_scaled(-own[d], part, y + 3 * (nv - 1 - d));
+  }
+  for (int d = 0; d < nv; d++) {
+    dof[nv - 1 - d] = d;
+    for (int m = 0; m < 3; m++) y[3 * (nv - 1 - d) + m] /= sqrt(s->inverse[d]);
+  }
+  row->count = nv, row->dof = dof, row->j = j, row->y = y;
   return TL_FINE;
 }

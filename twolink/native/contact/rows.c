@@ -1,7 +1,6 @@
-/* Rows of points, J with U = J w, and blocks of G = J M^-1 J^T.
+/* Rows of points, J with U = J w, and Y with G = J M^-1 J^T = Y^T D^-1 Y.
 
-Without loops, with M = L^T D L and Y = L^-T J^T, which has the rows of J's degrees of freedom and no more, a block of G is Y_i^T D^-1 Y_j over
-the degrees of freedom that both points have. */
+With M = L^T D L it is Y = L^-T J^T, which has the rows of J's degrees of freedom and no more; what loops leave of it has all. */
 #include "solver.h"
 #include "vectors.h"
 
@@ -137,70 +136,5 @@ int tl_need_row(tl_scene *s, const tl_point *point, tl_row *row) {
     }
   }
   row->y = y;
-  return tl_loop_parts(s, row);
-}
-
-/* A block of G. */
-void tl_coupling(const tl_scene *s, const tl_row *a, const tl_row *b, double *out) {
-  memset(out, 0, 9 * sizeof(double));
-  for (int i = 0, k = 0; i < a->count && k < b->count;) {
-    const int d = a->dof[i], e = b->dof[k];
-    if (d == e) {
-      const double w = s->inverse[d], *x = a->y + 3 * i, *y = b->y + 3 * k;
-      for (int r = 0; r < 3; r++)
-        for (int c = 0; c < 3; c++) out[3 * r + c] += w * x[r] * y[c];
-    }
-    i += d >= e, k += e >= d;
-  }
-  for (int i = 0; a->in_loops && b->in_loops && i < s->loop_rank; i++)
-    for (int r = 0; r < 3; r++) tl_add_scaled(-a->in_loops[3 * i + r], b->in_loops + 3 * i, out + 3 * r);
-}
-
-/* G of rows with Y, of which each is coupled with those before it down to the first that has one of its degrees of freedom. */
-int tl_envelope_of(tl_scene *s, const tl_row *const *rows, int n, tl_envelope *out) {
-  int32_t *lowest = tl_take(&s->work, (size_t)s->nv + 1, sizeof(int32_t)); /* the last is of loops */
-  out->n = n, out->upper = NULL;
-  out->first = tl_take(&s->work, (size_t)n, sizeof(int32_t));
-  out->at = tl_take(&s->work, (size_t)n + 1, sizeof(size_t));
-  if (!lowest || !out->first || !out->at) return TL_NO_MEMORY;
-  for (int d = 0; d <= s->nv; d++) lowest[d] = n;
-  out->at[0] = 0;
-  for (int i = 0; i < n; i++) {
-    int first = i;
-    for (int k = 0; k < rows[i]->count + (rows[i]->in_loops != NULL); k++) {
-      int32_t *low = lowest + (k < rows[i]->count ? rows[i]->dof[k] : s->nv);
-      if (*low > i) *low = i;
-      if (*low < first) first = *low;
-    }
-    out->first[i] = first;
-    out->at[i + 1] = out->at[i] + (size_t)(i - first + 1);
-  }
-  out->lower = tl_take(&s->work, 9 * out->at[n], sizeof(double));
-  if (!out->lower) return TL_NO_MEMORY;
-  for (int i = 0; i < n; i++)
-    for (int j = out->first[i]; j <= i; j++) {
-      double block[9];
-      tl_coupling(s, rows[i], rows[j], block);
-      tl_set_block(tl_block_at(out, out->lower, i, j), tl_row_length(out, i), block);
-    }
-  return TL_FINE;
-}
-
-/* Which code for the envelope of a matrix runs on which level of a processor, see machine.c. */
-TL_DECLARE_ENVELOPE(base)
-#if defined(X86_LEVELS)
-TL_DECLARE_ENVELOPE(v3)
-TL_DECLARE_ENVELOPE(v4)
-#define CALL(name, level, ...) \
-  (level == 2 ? name##_v4(__VA_ARGS__) : level == 1 ? name##_v3(__VA_ARGS__) : name##_base(__VA_ARGS__))
-#else
-#define CALL(name, level, ...) ((void)level, name##_base(__VA_ARGS__))
-#endif
-
-int tl_factor_envelope(int level, const tl_envelope *a) { return CALL(tl_factor_envelope, level, a); }
-
-void tl_solve_envelope(int level, const tl_envelope *a, double *x) { CALL(tl_solve_envelope, level, a, x); }
-
-void tl_envelope_times(int level, const tl_envelope *g, const double *p, double *out) {
-  CALL(tl_envelope_times, level, g, p, out);
+  return s->loop_rank ? tl_within_loops(s, row) : TL_FINE;
 }

@@ -157,6 +157,8 @@ static int comes_to_rest(const tl_scene *s, const tl_task *task, tl_ended *out) 
     if (out->memory.keys[i] != task->memory->keys[i]) return 0;
   for (int d = 0; d < s->nv; d++)
     if (!(fabs(task->v[d]) <= TL_EXACT)) return 0;
+  for (int i = 0; i < s->nq; i++) /* gaps that close move what has no velocity */
+    if (!(fabs(out->q[i] - task->q[i]) <= TL_CLOSED)) return 0;
   const size_t bytes = (size_t)s->nv * sizeof(double);
   memcpy(out->q, task->q, (size_t)s->nq * sizeof(double));
   memset(out->v, 0, bytes);

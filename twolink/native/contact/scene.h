@@ -108,7 +108,7 @@ typedef int (*tl_finder)(double reach, int wants_overlap, const double *turned, 
 typedef struct {
   int count;
   int32_t *dof;
-  double *j, *y, *in_loops, axes[9];
+  double *j, *y, axes[9];
 } tl_row;
 
 /* See contact/steps.py. */
@@ -203,8 +203,7 @@ double tl_loop_gap(tl_scene *s, const double *q);
 void tl_loops_begin(tl_scene *s, const double *q, const double *w);
 void tl_loops_at(tl_scene *s, const double *middle, const double *w);
 void tl_keep_loops(tl_scene *s, double *free);
-void tl_free_outward(tl_scene *s, double *x);
-int tl_loop_parts(tl_scene *s, tl_row *row);
+int tl_within_loops(tl_scene *s, tl_row *row);
 
 void tl_add_point(tl_scene *s, const tl_point *point);
 void tl_detect(tl_scene *s, double reach);

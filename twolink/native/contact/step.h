@@ -24,9 +24,9 @@ typedef struct {
   tl_answer answer;
 } tl_solution;
 
-/* A point with its island, the rank of the later of its trees, and its later body: what its place in a problem is by. */
+/* A point with its island and its later body: what its place in a problem is by. */
 typedef struct {
-  int32_t island, rank, body, point;
+  int32_t island, body, point;
 } tl_place_of;
 
 int tl_in_order(tl_scene *s, const tl_law *law, const uint8_t *marked, tl_place_of **order, int *size);
