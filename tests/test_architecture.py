@@ -249,6 +249,7 @@ def test_every_file_that_the_page_names_exists() -> None:
     named = set(re.findall(r"`([\w/]+\.(?:pyi?|toml))`", page)) - EXAMPLES
     rooms = (
         "",
+        "..",
         "dynamics",
         "integrate",
         "parts",

@@ -6,6 +6,7 @@ time.
 """
 
 from twolink.dynamics.arguments import Wrench
-from twolink.dynamics.robot import Robot, load_robot
+from twolink.dynamics.loading import load_robot
+from twolink.dynamics.robot import Robot
 
 __all__ = ["Robot", "Wrench", "load_robot"]
