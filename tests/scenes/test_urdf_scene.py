@@ -9,7 +9,7 @@ import twolink as tl
 import twolink.effects as fx
 from tests.urdf_text import link
 from twolink.cli.scenes import limit_notes
-from twolink.errors import SceneError
+from twolink.errors import RobotError, SceneError
 
 ARM = """<robot name="r">
   <link name="base"/>{}{}
@@ -74,6 +74,18 @@ def test_a_robot_that_gravity_does_not_move_starts_with_a_speed() -> None:
     scene = tl.scene_of(tl.load_robot(ARM.format(axis="0 0 1")))
     assert scene.v.tolist() == [0.5, 1.0]
     assert "gravity alone moves nothing" in str(scene)
+
+
+def test_a_file_without_its_meshes_gives_a_scene_and_its_report() -> None:
+    lost = '<collision><geometry><mesh filename="package://lost/arm.stl"/></geometry></collision>'
+    urdf = (
+        f'<robot name="arm"><link name="ground"/>{link("a", 1.0, 0.1, more=lost)}'
+        '<joint name="j" type="continuous"><parent link="ground"/><child link="a"/><axis xyz="0 1 0"/></joint></robot>'
+    )
+    said = str(tl.scene_of(urdf).report)
+    assert "no body touches another, no motor acts" in said
+    with pytest.raises(RobotError, match=r"lost/arm\.stl' was not found; give package_dirs=, or shapes= to Contact"):
+        tl.scene_of(urdf, contact=True)
 
 
 def test_a_robot_without_joints_is_refused() -> None:

@@ -269,7 +269,7 @@ def _convex(
     if mesh is None:
         what = f"its mesh {element.attributes.get('filename', '')!r} was not found"
         raise RobotError(what, where=reader.where(element, owner), code="mesh-not-readable",
-                         remedy="give package_dirs= to load_robot, or shapes= to Contact")  # fmt: skip
+                         remedy="give package_dirs=, or shapes= to Contact")  # fmt: skip
     scale = reader.numbers(element, "scale", owner, 3, (1.0, 1.0, 1.0))
     try:
         hull, hollow = _hull(*mesh.read(), scale)

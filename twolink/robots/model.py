@@ -333,6 +333,11 @@ class RobotModel:
         return read_solids(self.visuals.text, self.visuals.collision_meshes, f"robot {self.name!r}")
 
     @property
+    def has_solids(self) -> bool:
+        """True if a link has a collision shape, whether or not it can be read."""
+        return any(self._solids.values())
+
+    @property
     def solids(self) -> tuple[Solid, ...]:
         """The collision shapes of the links. Raises RobotError for one that has no size, or a mesh without a file."""
         return self.solids_besides(())

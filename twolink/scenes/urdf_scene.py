@@ -92,7 +92,7 @@ class UrdfScene(Scene):
                 name for name, moving in zip(robot.joint_names, [bool(self.v[j.v].any()) for j in robot.joints],
                                              strict=True) if moving]}),
             Finding("assumed", f"friction {FRICTION:g} of bodies that touch, no motor acts" if self._touches
-                    else f"no body touches another{'' if robot.solids else ' (no shapes collide)'}, no motor acts"),
+                    else f"no body touches another{'' if robot.has_solids else ' (no shapes collide)'}, no motor acts"),
         ]  # fmt: skip
         taken = (*findings("read", names), *findings("ignored", ignored), *assumed)
         return LoadReport(robot.report.source, (*robot.report.suspicious, *taken))

@@ -77,7 +77,7 @@ def require_pieces(
     if skipped and on_skipped is not None:
         on_skipped(skipped)
     if not pieces:
-        remedy = "give its links <visual> elements"
+        remedy = "give its links <visual> elements, or package_dirs= where the meshes of these are not found"
         raise ShowError("the robot has nothing to draw", where=where, remedy=remedy, code="nothing-to-draw")
 
 

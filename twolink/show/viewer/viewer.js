@@ -58,7 +58,7 @@ export class Viewer {
     const left = visuals.skipped.length + this.robot.unread;
     this.note.textContent =
       visuals.pieces.length === 0
-        ? "This robot has nothing to draw: its links have no <visual> elements. All else works."
+        ? "This robot has nothing to draw: its links have no <visual> elements, or their meshes are missing. All else works."
         : left
           ? `${left} of its pieces cannot be drawn`
           : "";
