@@ -107,6 +107,22 @@ def test_what_is_missing_or_not_to_be_mended_is_said() -> None:
     assert [entry.mend for entry in odd.wrong] == ["no constant factor mends it"]
 
 
+def test_rounded_numbers_hide_neither_what_is_right_nor_a_mistake() -> None:
+    def turned(q: Array, v: Array, c21: float = 1.0) -> Array:
+        return bias(np.add(q, [3.141593 - np.pi, 0]), v, c21)
+
+    right = tl.check_equations(mass, turned, ARM)
+    assert [entry.entry for entry in right.wrong] == ["h[0]", "h[1]"]
+    assert all(entry.rounded and entry.mended for entry in right.wrong)
+    assert not right.right
+    assert "the equations are right, but for rounded numbers in h[0], h[1]" in str(right)
+    assert "WRONG" not in str(right)
+    wrong = tl.check_equations(mass, lambda q, v: turned(q, v, c21=-1), ARM)
+    assert [entry.factors for entry in wrong.wrong] == [{}, {"the term of v[0]^2": -1.0}]
+    assert wrong.wrong[1].mend == "the term of v[0]^2 has the wrong sign, then right but for rounded numbers"
+    assert "h[1] is wrong, at 20" in str(wrong)
+
+
 def test_the_limit_is_a_billionth() -> None:
     assert tl.check_equations(times(0, 0, 1 + 1e-11), bias, ARM).right
     assert wrong_entries(tl.check_equations(times(0, 0, 1 + 1e-7), bias, ARM)).keys() == {"M[0,0]"}

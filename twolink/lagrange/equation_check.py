@@ -26,17 +26,22 @@ from twolink.simulation.text import BaseResult
 # Relative: of M[i,k] to s_i s_k, where s_i^2 is the largest M[i,i]; of h[i] to s_i times the largest h[k] / s_k. So
 # units do not matter, nor does a heavy joint beside a light one. Equations with all digits typed agree to 1e-13.
 LIMIT = 1e-9
+ROUNDED = 1e-4  # within it, numbers of few digits are to blame, such as rpy="3.1416 0 0" in a robot's file
 STATES, SEED, SPEED = 20, 0, 3.0
 Parts = dict[str, Array]
 _SPEEDS = "the velocity terms"
 
 
 class Mend(NamedTuple):
-    """The remedy of an entry: factors by what they multiply, in words, and whether it is all that is wanted."""
+    """The remedy of an entry: factors by what they multiply, in words, and whether it is all that is wanted.
+
+    rounded: whether only rounded numbers are to blame.
+    """
 
     factors: dict[str, float]
     words: str
     mended: bool
+    rounded: bool = False
 
 
 _NO_MEND = Mend({}, "", False)
@@ -48,7 +53,8 @@ class EntryCheck:
 
     mend: in words; "" where the entry is right. factors: by what they multiply ("" is the whole entry, "the gravity
     term", "the velocity terms", "the term of v[0] v[1]"); 0 for what must go. mended: True where they, or the constant
-    that `mend` names, make the entry right.
+    that `mend` names, make the entry right; but for rounded numbers, where `mend` says so. rounded: True where it is
+    right but for them: it does not count as right.
     """
 
     entry: str
@@ -58,6 +64,7 @@ class EntryCheck:
     mend: str
     factors: Mapping[str, float]
     mended: bool
+    rounded: bool = False
 
 
 @dataclass(frozen=True, repr=False)
@@ -99,10 +106,14 @@ class EquationCheck(BaseResult):
         return {"right": self.right, **super().to_dict()}
 
     def __str__(self) -> str:
-        rows = [(e.entry, f"{e.difference:.2g}", f"{e.size:.4g}", "right" if e.right else f"WRONG: {e.mend}")
+        rows = [(e.entry, f"{e.difference:.2g}", f"{e.size:.4g}",
+                 "right" if e.right else e.mend if e.rounded else f"WRONG: {e.mend}")
                 for e in self.entries]  # fmt: skip
-        names = ", ".join(entry.entry for entry in self.wrong)
-        verdict = f"{names} {'is' if len(self.wrong) == 1 else 'are'} wrong" if names else "the equations are right"
+        wrong, rounded = ([e.entry for e in self.wrong if e.rounded is which] for which in (False, True))
+        verdict = f"{', '.join(wrong)} {'is' if len(wrong) == 1 else 'are'} wrong"
+        if not wrong:
+            but = f", but for rounded numbers in {', '.join(rounded)}" if rounded else ""
+            verdict = f"the equations are right{but}"
         return f"""{self.robot}: {verdict}, at {self.states} random states beside Pinocchio (limit {LIMIT:g}, relative)
 Your coordinates{" (found)" if self.found else ""}: {self.coordinates}
 
@@ -242,7 +253,7 @@ def _mass_checks(ours: Array, right: Array, sizes: Array) -> list[EntryCheck]:
     for i, k in np.ndindex(right.shape[1:]):
         mine, truth, limit = ours[:, i, k], right[:, i, k], float(limits[i, k])
         is_right = bool(np.abs(mine - truth).max() <= limit)
-        found = _NO_MEND if is_right else _mended({"": mine}, {"": truth}, limit)
+        found = _NO_MEND if is_right else _found({"": mine}, {"": truth}, limit)
         if not is_right and not found.mended and float(np.ptp(truth - mine)) <= limit:
             found = Mend({}, f"plus {_number(float(np.mean(truth - mine)))}", True)
         checks.append(_entry(f"M[{i},{k}]", mine, truth, is_right, found))
@@ -266,14 +277,25 @@ def _bias_checks(
             found = Mend({}, "it holds more than gravity and products of two speeds (friction?)", False)
         elif not is_right:
             mine, truth = ({name: part[:, i] for name, part in of.items()} for of in (our_parts, parts))
-            found = _mended(mine, truth, float(of_parts[i]))
+            found = _found(mine, truth, float(of_parts[i]))
         checks.append(_entry(f"h[{i}]", ours[:, i], right[:, i], is_right, found))
     return checks
 
 
 def _entry(name: str, ours: Array, right: Array, is_right: bool, found: Mend) -> EntryCheck:
     difference, size = (float(np.abs(value).max()) for value in (ours - right, right))
-    return EntryCheck(name, difference, size, is_right, found.words, found.factors, found.mended)
+    return EntryCheck(name, difference, size, is_right, found.words, found.factors, found.mended, found.rounded)
+
+
+def _found(ours: Parts, right: Parts, limit: float) -> Mend:
+    """The remedy of an entry to the limit; where there is none, that which mends it but for rounded numbers."""
+    found = _mended(ours, right, limit)
+    rough = found if found.mended else _mended(ours, right, limit / LIMIT * ROUNDED)
+    if found.mended or not rough.mended:
+        return found
+    if not rough.words:
+        return Mend({}, "right but for rounded numbers, yours or the robot's (3.1416 for pi?)", True, True)
+    return rough._replace(words=f"{rough.words}, then right but for rounded numbers")
 
 
 def _mended(ours: Parts, right: Parts, limit: float) -> Mend:
