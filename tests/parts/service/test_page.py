@@ -40,6 +40,29 @@ def test_the_price_follows_the_accuracy(page: Page) -> None:
     assert page.evaluate("document.getElementById('accuracy').getAttribute('aria-valuetext')") == "1e-12"
 
 
+def test_the_picture_waits_for_no_other_answer(page: Page) -> None:
+    page.open()
+    page.wait_for("performance.getEntriesByName('first-paint').length")
+    asked = [url.partition("/v1/")[2] for url in page.browser.requests]
+    start = asked.index("scenes/validate")
+    assert start < min(asked.index("scenes/preview"), asked.index("scenes/quantities"))
+    assert not any("kinematics" in each for each in asked)  # the start came with its poses
+
+
+def test_a_price_that_is_asked_for_is_not_given_up(page: Page) -> None:
+    page.open()
+    page.evaluate("""(() => { const plain = window.fetch; window.given_up = 0;
+        window.fetch = async (url, options) => { const answer = plain(url, options);
+          if (!String(url).includes('explain')) return answer;
+          await new Promise(done => setTimeout(done, 1000));
+          return answer.catch(failure => { window.given_up += 1; throw failure; }); }; })()""")
+    for exponent in ("7", "8", "9"):
+        page.choose("#accuracy", exponent)
+        page.browser.evaluate("new Promise(done => setTimeout(done, 300))")
+    page.wait_for("document.getElementById('expected')")
+    assert page.evaluate("window.given_up") == 0
+
+
 def test_a_robot_moves_on_arrival_and_its_error_bar_follows(page: Page) -> None:
     page.open(until="document.getElementById('play')?.classList.contains('playing')")
     assert page.evaluate("location.hash") in ("", "#scene=arm-swing")  # whoever gets the address sees the same

@@ -100,6 +100,21 @@ def test_what_the_client_has_is_not_sent_again(http: Served, paths: list[str]) -
         assert http.get(path, headers={"If-None-Match": '"other"'}).content == first.content
 
 
+def test_the_page_asks_for_its_files_where_they_never_change(http: Served) -> None:
+    page = http.get("/").text
+    asked = set(re.findall(r'"(page/[^"]+)"', page))
+    (digest,) = {path.split("/")[1] for path in asked}
+    assert {f"page/{digest}/{name}" for name in ("main.js", "style.css", "meshcat.js")} <= asked
+    for path in asked:
+        kept, plain = http.get(f"/{path}"), http.get(f"/{path.replace(f'{digest}/', '')}")
+        assert kept.content == plain.content
+        assert (kept.headers["cache-control"], plain.headers["cache-control"]) == (
+            "max-age=31536000, immutable",
+            "no-cache",
+        )
+    http.ask(f"/page/{'0' * len(digest)}/main.js", status=404)
+
+
 def test_a_part_is_that_of_the_whole(http: Served, paths: list[str]) -> None:
     for path in paths:
         whole = http.get(path, headers={"Accept-Encoding": "identity"})

@@ -5,6 +5,7 @@ The docs are the description as HTML, with no script and no outside address.
 
 import asyncio
 import functools
+import hashlib
 import json
 from html import escape
 from pathlib import Path
@@ -84,31 +85,29 @@ async def docs(request: Asked) -> Response[str]:
 
 @get("/", include_in_schema=False)
 async def index() -> Response[bytes]:
-    """The page."""
-    return _file("index.html")
-
-
-@get("/page/meshcat.js", include_in_schema=False)
-async def viewer() -> Response[str]:
-    """meshcat's viewer with three.js, from the installed package: the page draws robots with it."""
-    return Response(viewer_script(), media_type=_MEDIA[".js"], headers={"Cache-Control": "max-age=86400"})
+    """The page. It asks for its files below their digest, so that a browser asks once for each."""
+    page, digest = await asyncio.to_thread(_files)
+    content = page["index.html"].replace(b'"page/', b'"page/%s/' % digest.encode())
+    return Response(content, media_type=_MEDIA[".html"], headers=_HEADERS)
 
 
 @get("/page/{path:path}", include_in_schema=False)
 async def page_file(path: FromPath[Path]) -> Response[bytes]:
-    """The page's scripts, styles and pictures."""
-    return _file(str(path).lstrip("/"))
-
-
-def _file(name: str) -> Response[bytes]:
-    """A file of the page's folder, from a list made beforehand: no path of a request is ever opened."""
-    path = _files().get(name)
-    if path is None:
+    """The page's scripts, styles and pictures; no path of a request is ever opened."""
+    page, digest = await asyncio.to_thread(_files)
+    name = path.as_posix().lstrip("/").removeprefix(f"{digest}/")
+    if name not in page:
         raise Refusal(404, f"there is no {name[:80]!r}", where="path", remedy="the page is at /")
-    return Response(path.read_bytes(), media_type=_MEDIA[path.suffix], headers=_HEADERS)
+    is_named = digest in path.parts
+    headers = _HEADERS | ({"Cache-Control": "max-age=31536000, immutable"} if is_named else {})
+    return Response(page[name], media_type=_MEDIA[Path(name).suffix], headers=headers)
 
 
 @functools.cache
-def _files() -> dict[str, Path]:
-    page = {path.relative_to(_PAGE).as_posix(): path for path in _PAGE.rglob("*") if path.suffix in _MEDIA}
-    return page | {f"viewer/{path.name}": path for path in VIEWER.iterdir() if path.suffix in _MEDIA}
+def _files() -> tuple[dict[str, bytes], str]:
+    """The page's files, with the viewer's and meshcat's script, which has three.js; and their digest."""
+    paths = {path.relative_to(_PAGE).as_posix(): path for path in _PAGE.rglob("*")}
+    paths |= {f"viewer/{path.name}": path for path in VIEWER.iterdir()}
+    page = {name: path.read_bytes() for name, path in sorted(paths.items()) if path.suffix in _MEDIA}
+    page["meshcat.js"] = viewer_script().encode()
+    return page, hashlib.blake2b(b"".join(page.values()), digest_size=8).hexdigest()

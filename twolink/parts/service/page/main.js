@@ -30,6 +30,7 @@ const FRAMES = 600;
 const DRAWING = "Drawing…";
 
 const viewer = new Viewer(byId("stage"), { onTime: t => results.cursor(t) });
+const started = loadMeshcat().then(() => viewer.start()); // what is shown is asked for meanwhile
 const robots = new Robots(useRobot);
 const editor = new SceneEditor({ onPick: pickScene, onChange: noteChange, pose: () => ({ q: ownPart(sliders.q), ...placed }) });
 const sliders = new Sliders(byId("sliders"), (q, joint) => {
@@ -162,11 +163,17 @@ async function arrange(content, robot, id, changes = {}) {
   const scene = await content;
   if (thisTurn !== turn) return;
   whole = robot;
+  placed = {};
   sliders.set(robot, robot.neutral);
   editor.set(scene, robot, id, changes);
   query.set(robot);
   robots.look(robot.id).catch(() => {}); // asked for while the start is found; draw says what is wrong with it
-  drawing = showStart().then(() => draw(robot));
+  drawing = showStart().then(() => {
+    if (thisTurn !== turn) return null;
+    noteChange(true); // after the start, so that it does not wait for the look
+    editor.learnConstants(robot);
+    return draw(robot);
+  });
   offerRun();
   await drawing;
 }
@@ -184,16 +191,20 @@ async function showStart() {
     const start = await post("/v1/scenes/validate", { scene: editor.current() });
     if (robot !== robots.robot) return;
     [q, whole] = [start.q, start.robot];
+    nextQ = null;
+    await posing; // one that was asked for before
+    place(start);
   } catch {
     whole = robot; // explain says what is wrong with the scene
+    await poseAt(q);
   }
   sliders.set(whole, q);
   listSpeeds(byId("speeds"), whole, editor.v, (joint, value) => editor.push(joint, value));
-  await poseAt(q);
 }
 
 async function draw(robot) {
   try {
+    await started;
     const { about } = editor;
     const shown = JSON.stringify([robot.id, about.objects]);
     if (drawn !== shown && viewer.stage) {
@@ -204,7 +215,7 @@ async function draw(robot) {
       if (about !== editor.about || robot.id !== robots.robot.id) return;
       viewer.load(visuals);
       drawn = shown;
-      await poseAt(sliders.q);
+      if (placed.frames) place(placed);
     }
     if (viewer.note.textContent === DRAWING) viewer.note.textContent = ""; // of one that was picked meanwhile
     viewer.fit();
@@ -321,12 +332,17 @@ async function posedAll() {
       nextQ = null;
       const { frames, poses } = await asked;
       if (about !== editor.about) continue;
-      placed = { frames, poses };
-      if (!viewer.timeline.playing) viewer.pose(frames, poses);
+      place({ frames, poses });
     }
   } catch (failure) {
     viewer.note.textContent = failure.message;
   }
+}
+
+/** Show the links at the start, unless a motion plays. */
+function place({ frames, poses }) {
+  placed = { frames, poses };
+  if (!viewer.timeline.playing) viewer.pose(frames, poses);
 }
 
 byId("start-reset").addEventListener("click", async () => {
@@ -541,8 +557,6 @@ watchService(() => {
 const listed = lists(); // while the viewer's script is loaded
 const { robot: named } = readAddress();
 if (named) robots.look(named).catch(() => {}); // it takes longest; draw says what is wrong with it
-await loadMeshcat();
-viewer.start();
-await begin(listed);
+await Promise.all([begin(listed), started]);
 byId("loading").remove();
 document.documentElement.dataset.ready = "yes";

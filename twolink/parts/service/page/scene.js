@@ -80,8 +80,7 @@ export class SceneEditor {
     const units = Object.fromEntries(single.map(joint => [joint.name, joint.kind === "prismatic" ? "m" : "rad"]));
     this.names = { ...this.names, joints: named(single), coordinates, links: robot.links, constants: {}, units };
     this.#offerEffects();
-    this.changed();
-    this.#learnConstants(robot);
+    this.changed(true, false); // who sets it tells when it is to be looked at
   }
 
   /** The scene of a robot with all that its file says; of one without joints an empty one. */
@@ -170,7 +169,7 @@ export class SceneEditor {
   }
 
   /** The robot's physical constants, for forms. They wait for nobody: forms work without. */
-  async #learnConstants(robot) {
+  async learnConstants(robot) {
     try {
       const rows = await post("/v1/scenes/quantities", { scene: { robot: this.about.robot } });
       if (robot !== this.robot) return;
@@ -223,21 +222,31 @@ export class SceneEditor {
     await this.onPick(null, content);
   }
 
-  /** Have the service check the scene and estimate its cost; a newer request aborts an older one. */
-  async explain() {
-    this.abort?.abort();
-    const abort = (this.abort = new AbortController());
+  /** Have the service check the scene and estimate its cost. While a request is under way only the newest waits: one
+   * that is aborted ends a process of the service. */
+  explain() {
     byId("price").textContent = "Counting…";
-    try {
+    this.wanted = true;
+    this.explaining ??= this.#explained().finally(() => {
+      this.explaining = null;
+    });
+  }
+
+  async #explained() {
+    while (this.wanted) {
+      this.wanted = false;
       const { scene, accuracy, method } = this.request;
-      const explanation = await post("/v1/scenes/explain", { scene, accuracy, method }, { signal: abort.signal });
-      clearProblem(byId("scene-problem"));
-      this.#showCost(explanation);
-    } catch (failure) {
-      if (failure.name === "AbortError") return;
-      byId("price").textContent = "";
-      byId("operations").textContent = "";
-      this.#refused(failure);
+      try {
+        const explanation = await post("/v1/scenes/explain", { scene, accuracy, method });
+        if (this.wanted) continue;
+        clearProblem(byId("scene-problem"));
+        this.#showCost(explanation);
+      } catch (failure) {
+        if (this.wanted) continue;
+        byId("price").textContent = "";
+        byId("operations").textContent = "";
+        this.#refused(failure);
+      }
     }
   }
 

@@ -12,7 +12,7 @@ export async function loadMeshcat() {
   try {
     await new Promise(done => {
       const script = create.call(document, "script");
-      script.src = "page/meshcat.js";
+      script.src = new URL("meshcat.js", import.meta.url);
       script.onload = script.onerror = done; // the viewer says when it is not there
       document.head.append(script);
     });
