@@ -7,7 +7,6 @@ doubles, q + rest. With events it is Dormand and Prince's of order 8.
 
 import importlib
 import math
-import statistics
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -188,14 +187,14 @@ class StudyRun:
         return row
 
     def time_again(self, number: int) -> None:
-        """Run each row once more, all in turns: a slow moment of the machine must not affect one row alone.
+        """Run each row once more, all in turns: what else the machine does only adds to them, and not to one row alone.
 
         number: which run it is, from 2. Rows whose runs are slow have fewer of them.
         """
         for entry in self.done:
             if entry.row.seconds * number < SLOW * self.budget:
                 entry.seconds.append(self._run(entry.method, entry.setting)[1])
-                entry.row = replace(entry.row, seconds=statistics.median(entry.seconds))
+                entry.row = replace(entry.row, seconds=min(entry.seconds))
 
     def _run(self, method: Method, setting: float, limit: TimeLimit | None = None) -> tuple[Solution, float]:
         start = time.perf_counter()

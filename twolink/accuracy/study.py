@@ -132,7 +132,7 @@ def accuracy_study(
     tolerances : sequence of float, optional
         Of adaptive methods; the steps of the others aim at them. By default from rough to rounding.
     repeats : int
-        Timed runs after the first, fewer of slow ones; a row has their median.
+        Timed runs after the first, fewer of slow ones; a row has the least of their times.
     budget : float
         Seconds that a run may take; a method's settings end there.
     progress : callable, optional

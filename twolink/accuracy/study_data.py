@@ -25,8 +25,8 @@ UNITS = ((1.0, "s"), (1e-3, "ms"), (1e-6, "us"))
 class Row:
     """A method at a setting: its error [rad, m], the largest of q at any sample, and its seconds of wall clock.
 
-    tolerance: of adaptive methods, else None. step: of methods with fixed steps [s], else None. seconds: the median of
-    some runs after a first one, compiling not counted; compile_seconds: that, 0 where it was at hand. front: no other
+    tolerance: of adaptive methods, else None. step: of methods with fixed steps [s], else None. seconds: the least of
+    some runs after a first one, compiling not counted: what else the machine does only adds to it; compile_seconds: that, 0 where it was at hand. front: no other
     row is both more accurate and quicker. resolved: the reference is 100 times better than this row, so that the error
     is known; where it is not, the error is at most `error` plus the reference's own.
     """

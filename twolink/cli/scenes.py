@@ -243,7 +243,7 @@ def accuracy(
     samples_per_second: Annotated[
         float, Option(help="Samples a second, without --t-eval; there errors are measured.")
     ] = 50.0,
-    repeats: Annotated[int, Option(min=1, metavar="COUNT", help="Timed runs an entry, which has their median.")] = 7,
+    repeats: Annotated[int, Option(min=1, metavar="COUNT", help="Timed runs an entry; the least counts.")] = 7,
     budget: Annotated[float, Option(help="Limit of a run's time, s; a method ends at it.")] = 1.0,
     out: Files = None,
     as_json: Json = False,
