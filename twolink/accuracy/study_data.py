@@ -26,9 +26,10 @@ class Row:
     """A method at a setting: its error [rad, m], the largest of q at any sample, and its seconds of wall clock.
 
     tolerance: of adaptive methods, else None. step: of methods with fixed steps [s], else None. seconds: the least of
-    some runs after a first one, compiling not counted: what else the machine does only adds to it; compile_seconds: that, 0 where it was at hand. front: no other
-    row is both more accurate and quicker. resolved: the reference is 100 times better than this row, so that the error
-    is known; where it is not, the error is at most `error` plus the reference's own.
+    some runs after a first one, compiling not counted: what else the machine does only adds to it; compile_seconds:
+    that, 0 where it was at hand. front: no other row is both more accurate and quicker. resolved: the reference is 100
+    times better than this row, so that the error is known; where it is not, the error is at most `error` plus the
+    reference's own.
     """
 
     method: str
