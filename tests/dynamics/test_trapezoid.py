@@ -13,6 +13,7 @@ def test_a_joint_is_at_its_limit_and_none_beyond(speed: float) -> None:
     robot = tl.load_robot("two_link")
     motion = tl.trapezoidal_motion(robot, [0.0, 0.0], END, speed=speed, acceleration=[2.0, 0.5],
                                    samples_per_second=1e3)  # fmt: skip
+    assert f"{len(motion.t)} samples of q (2)" in str(motion)
     assert np.abs(motion.a).max(axis=0) == pytest.approx([1.0, 0.5])  # the elbow, on half the way, is at its own
     assert motion.q[-1] == pytest.approx(END, abs=1e-12)
     assert motion.v[[0, -1]] == pytest.approx(np.zeros((2, 2)), abs=1e-12)

@@ -27,6 +27,10 @@ class PlannedMotion(NamedTuple):
     v: np.ndarray
     a: np.ndarray
 
+    def __str__(self) -> str:
+        nq, nv = self.q.shape[1], self.v.shape[1]
+        return f"a motion of {self.t[-1]:g} s, {len(self.t)} samples of q ({nq}), v and a ({nv})"
+
     def to_dict(self) -> dict[str, Any]:
         """The samples as lists, for JSON."""
         return {name: values.tolist() for name, values in self._asdict().items()}
