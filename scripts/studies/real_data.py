@@ -10,7 +10,7 @@ with the same states, filtered at 6 Hz (ur10e 10, tx40 30). The options: joint m
 delay, cut-offs. by hand: base parameters and friction by NumPy's least squares, filtered with 8 Hz (tx40 30).
 published: the parameters of the log's authors; of the Panda, those of its URDF. figaroh: its regressor and base
 parameters, with friction, rotors and the same filter, where it is installed. mujoco: its sysid, where that is
-installed (mujoco[sysid]), by inverse dynamics of 300 samples, same filter: bodies, rotors, friction, damping, offsets.
+installed (mujoco[sysid]), by inverse dynamics of 600 samples, same filter: bodies, rotors, friction, damping, offsets.
 
 --parts: each log in disjoint halves, fitted alone: how many of the parameters that both tell differ by more than their
 intervals, 1.96 standard deviations, add up to (root sum of squares); at most 10 %. Beside it, how many do by the noise
@@ -44,7 +44,7 @@ from twolink.parts.identification.base_parameters import base_parameters, select
 from twolink.parts.identification.filtering import Recording, States, half_window_of, states
 
 SHARE, SECONDS, WORSE = 0.10, 15.0, 1.05
-SAMPLES, IDENTIFIED, SYSID = 10_000, 30.0, 300  # of 7 joints, in so many seconds; of the samples that sysid has
+SAMPLES, IDENTIFIED, SYSID = 10_000, 30.0, 600  # of 7 joints, in so many seconds; of the samples that sysid has
 OPTIONS: dict[str, dict[str, Any]] = {
     "none": {"joint_model": "none"}, "viscous+coulomb": {"joint_model": "viscous+coulomb"},
     "with rotor": {"joint_model": "viscous+coulomb+rotor"},
