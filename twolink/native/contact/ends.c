@@ -7,8 +7,7 @@ statement is `ContactStepper._with_contacts`. */
 
 #define FELT 1e-6     /* of the largest impulse of an impact: what is passed on */
 #define FARTHEST 0.5  /* of half the bodies' thickness: one half of a step in which they move farther could pass through */
-#define PIVOT 1e-9    /* of the largest: smaller pivots of J^T J are those of motions that the rows leave free */
-enum { MOST_AT_REST = 600 };
+#define PIVOT 1e-9    /* of the largest: smaller pivots of Y Y^T are those of motions that the rows leave free */
 
 /* What a step's end is made of. at (n): of each point its place in the solution, -1 where it is not active. move, push (nv).
 u, off (n, 3): velocities at the end; slips, and gaps before the push. */
@@ -235,34 +234,43 @@ static double largest(const double *x, int n) {
   return most;
 }
 
-/* Whether nothing moves and nothing can: all contacts stick, and J v = 0 of what presses has no other solution than 0, by the
-pivots of J^T J. See contact/rest.py. */
+/* Whether rows hold all bodies: Y^T x = 0 has no other solution than 0, by the pivots of Y Y^T. */
+static int hold(tl_scene *s, const tl_row *const *rows, int n) {
+  tl_system g;
+  if (tl_new_system(s, rows, NULL, n, n, &g)) return 0;
+  double most = 0.0;
+  int held = 0;
+  memset(g.x, 0, TL_LANES * (size_t)g.nodes * sizeof(double));
+  for (int m = 0; m < g.first[n]; m++)
+    for (int k = 0; k < TL_PART; k++) {
+      const double y = g.y[TL_PART * (size_t)m + (size_t)k];
+      g.x[TL_LANES * g.node[m] + k % TL_LANES] += y * y;
+    }
+  for (int k = 0; k < TL_LANES * g.nodes; k++) most = tl_larger(most, g.x[k]);
+  memset(g.coupling, 0, 9 * (size_t)n * sizeof(double));
+  for (int k = 0; k < 3 * n; k++) g.coupling[3 * k + k % 3] = 1.0;
+  for (int i = 0; i < g.nodes; i++, held += g.used[i - 1])
+    for (int k = 0; k < TL_NODE; k++) g.mass[TL_LANES * i + k] = k < g.used[i] ? 0.0 : most;
+  if (held < s->nv || !tl_factor_system(s->level, &g)) return 0;
+  for (int i = 0; i < g.nodes; i++)
+    for (int k = 0; k < TL_NODE; k++)
+      if (!(fabs(g.own[TL_BLOCK * (size_t)i + (TL_LANES + 1) * (size_t)k]) * PIVOT * most < 1.0)) return 0;
+  return 1;
+}
+
+/* Whether nothing moves and nothing can, as all contacts stick. See contact/rest.py. */
 static int rests(ending *e, const tl_ended *out) {
   const tl_law *law = e->law;
   const int nv = e->s->nv;
-  if (nv > MOST_AT_REST || !(largest(e->task->v, nv) <= TL_EXACT && largest(out->v, nv) <= TL_EXACT)) return 0;
+  if (!(largest(e->task->v, nv) <= TL_EXACT && largest(out->v, nv) <= TL_EXACT)) return 0;
   for (int i = 0; i < out->memory.count; i++)
     if (!out->memory.stuck[i]) return 0;
-  double *gram = tl_take(&e->s->work, (size_t)nv * (size_t)nv, sizeof(double)), most = 0.0;
-  if (!gram) return 0;
-  memset(gram, 0, (size_t)nv * (size_t)nv * sizeof(double));
-  for (int k = 0; k < law->n; k++) {
-    const tl_row *row = law->rows + k;
-    if (!presses(e, k)) continue;
-    for (int a = 0; a < row->count; a++)
-      for (int b = 0; b < row->count; b++) gram[row->dof[a] * nv + row->dof[b]] += tl_dot(row->j + 3 * a, row->j + 3 * b);
-  }
-  for (int i = 0; i < nv; i++) most = tl_larger(most, gram[i * nv + i]);
-  for (int k = 0; k < nv; k++) {
-    const double pivot = gram[k * nv + k];
-    if (!(pivot > PIVOT * most)) return 0;
-    for (int i = k + 1; i < nv; i++) {
-      const double share = gram[i * nv + k] / pivot;
-      if (share != 0.0)
-        for (int j = k + 1; j < nv; j++) gram[i * nv + j] -= share * gram[k * nv + j];
-    }
-  }
-  return 1;
+  const tl_row **rows = tl_take(&e->s->work, (size_t)law->n, sizeof *rows);
+  int count = 0;
+  if (!rows) return 0;
+  for (int k = 0; k < law->n; k++)
+    if (presses(e, k)) rows[count++] = law->rows + k;
+  return hold(e->s, rows, count);
 }
 
 /* The end of a step of points with rows, which would end with `free` without impulses; TL_HALVE where it is not reached. */

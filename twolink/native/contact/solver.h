@@ -7,11 +7,11 @@
 enum { TL_NODE = 6, TL_LANES = 8, TL_BLOCK = TL_NODE * TL_LANES, TL_PART = 3 * TL_LANES };
 
 /* Equations (E + C G) p = f of points, or blocks of three rows, see blocks.c. Of block i the parts first[i] to first[i + 1] of Y
-(TL_PART), each at a node. mass, x (nodes, TL_LANES): D, and a motion. Node k has blocks of L and U with the nodes
+(TL_PART), each at a node. mass, x (nodes, TL_LANES): D, and a motion. Node k has `used` of its degrees of freedom, and blocks of L and U with the nodes
 below[start[k]] to below[start[k + 1]], which come later. inverse, coupling (points, 9): E^-1 and E^-1 C. */
 typedef struct {
   int points, nodes;
-  int32_t *first, *node, *start, *below, *at, *next, *after, *waiting, *order;
+  int32_t *first, *node, *start, *below, *at, *next, *after, *waiting, *order, *used;
   double *y, *mass, *x, *own, *lower, *upper, *inverse, *coupling;
 } tl_system;
 

@@ -103,16 +103,17 @@ static int shape(tl_scene *s, tl_system *out, int32_t *number) {
 /* Memory for the factors. */
 static int take(tl_scene *s, tl_system *out) {
   const size_t nodes = (size_t)out->nodes, blocks = (size_t)out->start[out->nodes];
-  int32_t *whole = tl_take(&s->work, (4 + TL_NODE) * nodes, sizeof(int32_t));
+  int32_t *whole = tl_take(&s->work, (5 + TL_NODE) * nodes, sizeof(int32_t));
   out->x = tl_take(&s->work, 2 * TL_LANES * nodes, sizeof(double));
   out->own = tl_take(&s->work, TL_BLOCK * nodes, sizeof(double));
   out->lower = tl_take(&s->work, 2 * TL_BLOCK * blocks, sizeof(double));
   out->inverse = tl_take(&s->work, 18 * (size_t)out->points, sizeof(double));
   if (!whole || !out->x || !out->own || !out->lower || !out->inverse) return TL_NO_MEMORY;
   out->at = whole, out->next = whole + nodes, out->after = whole + 2 * nodes, out->waiting = whole + 3 * nodes;
-  out->order = whole + 4 * nodes;
+  out->used = whole + 4 * nodes, out->order = whole + 5 * nodes;
   out->mass = out->x + TL_LANES * nodes, out->upper = out->lower + TL_BLOCK * blocks;
   out->coupling = out->inverse + 9 * out->points;
+  memset(out->used, 0, nodes * sizeof(int32_t));
   for (size_t k = 0; k < TL_LANES * nodes; k++) out->mass[k] = 1.0;
   return TL_FINE;
 }
@@ -138,8 +139,10 @@ int tl_new_system(tl_scene *s, const tl_row *const *rows, const tl_place_in *pla
   if (code) return code;
   for (size_t m = 0; m < parts; m++) out->node[m] = places_of_nodes[out->node[m]];
   for (size_t d = 0; d < nv; d++)
-    if (number[d] >= 0)
-      out->mass[TL_LANES * places_of_nodes[number[d] / TL_LANES] + number[d] % TL_LANES] = 1.0 / s->inverse[d];
+    if (number[d] >= 0) {
+      const int32_t node = places_of_nodes[number[d] / TL_LANES];
+      out->mass[TL_LANES * node + number[d] % TL_LANES] = 1.0 / s->inverse[d], out->used[node]++;
+    }
   return TL_FINE;
 }
 
