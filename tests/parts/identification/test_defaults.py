@@ -49,6 +49,18 @@ def test_a_rest_counts_as_one_sample_however_long_it_is() -> None:
     assert np.all(np.abs(long.estimate - short.estimate) < np.maximum(long.half_width, short.half_width))
 
 
+def test_what_the_model_lacks_makes_no_link_heavy() -> None:
+    """Friction grows with the load: by the noise alone a link had 24 times its mass."""
+    robot = tl.load_robot("panda", lock=FINGERS)
+    t, q, v, a = motion(robot, 600)
+    tau = robot.inverse_dynamics(q, v, a)
+    log = noisy(tau + np.sign(v) * (0.3 + 0.1 * np.abs(tau)), 0.05)
+    found = identify(robot, t, q, None, log, joint_model="viscous+coulomb", find=(), half_window=8).found
+    masses = [[body.mass for body in list(one.model.inertias)[1:]] for one in (robot, found)]
+    assert np.max(np.divide(*masses[::-1])) < 6
+    assert 0.7 < found.mass / robot.mass < 1.4
+
+
 @pytest.mark.parametrize("name", ["arm", "panda", "kinova", "gripper"])
 def test_the_regressor_is_the_robots_own(name: str) -> None:
     robot = tl.load_robot(name)

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import stdtrit
+from scipy.special import ndtri, stdtrit
 
 from twolink.dynamics import Robot
 from twolink.errors import QueryError
@@ -153,14 +153,17 @@ def _solved(
         found = fit(columns, y, plan.method, errors, prior=prior, blocks=blocks, runs=ends, rest=rest)
         second = fit(other, torques, plan.method, errors, prior=prior, rest=rest)
         wide, numerical = second.residuals, found.rounding + np.abs(second.x - found.x)
+    half_width = _half_width(plan, y, found, by is None and blocks is None) + numerical
+    told = half_width / ndtri((1 + plan.confidence) / 2) / np.maximum(np.sqrt(np.diag(found.metric)), 1e-300)
+    loose = np.sqrt(np.maximum(told, 1.0))
     result = Identification(
         robot=plan.robot, selection=chosen, combinations=base.combinations, matrix=base.matrix, estimate=found.x,
         covariance=found.covariance, numerical_error=numerical, confidence=plan.confidence,
-        half_width=_half_width(plan, y, found, by is None and blocks is None) + numerical,
+        half_width=half_width,
         not_identifiable=(*plan.possible.not_identifiable(), *_untold(base, names)),
         not_excited=not_shown(plan.possible, base), noise=found.noise, t=data.averaged(data.t),
         residuals=found.residuals, condition=found.condition, correlated=found.correlated, method=plan.method,
-        filter=by, metric=found.metric, torques=data.averaged(data.tau),
+        filter=by, metric=found.metric * np.outer(loose, loose), torques=data.averaged(data.tau),
         setup=replace(setup, values=_values(chosen, base, found.x, len(names))) if names else setup,
         block_covariance=found.by_blocks, mirrored=np.zeros(robot.nv, dtype=bool),
     )  # fmt: skip
