@@ -158,14 +158,11 @@ def mujoco(logs: Logs) -> Predict:
     *now, tau = (np.concatenate(x)[::step] for x in zip(*((*state, tau) for state, tau in systems), strict=True))
 
     def residual(x: np.ndarray, params: Any, **_: Any) -> tuple[list[np.ndarray], None, None]:
-        columns = []
-        for column in x.reshape(len(x), -1).T:
-            params.update_from_vector(column)
-            columns.append(((torques(params, *now) - tau) / tau.std(axis=0)).ravel())
-        return [np.stack(columns, axis=-1) if x.ndim > 1 else columns[0]], None, None
+        params.update_from_vector(x)
+        return [((torques(params, *now) - tau) / tau.std(axis=0)).ravel()], None, None
 
     with contextlib.redirect_stdout(io.StringIO()):
-        found = sysid.optimize(initial_params=params, residual_fn=residual, verbose=False, max_iters=100)[0]
+        found = sysid.optimize(initial_params=params, residual_fn=residual, optimizer="scipy", verbose=False)[0]
     return lambda *now: torques(found, *now)
 
 
