@@ -19,14 +19,15 @@ from twolink.contact.bodies import Multibody
 from twolink.contact.joints import JointPoints, Laws, LoopRows
 from twolink.geometry.detection import ByFormula, Detector, Hulls
 from twolink.geometry.fields import FieldSurface
-from twolink.geometry.gaps import BoxGap, CylinderGap, RimGap, RoundGap
+from twolink.geometry.gaps import BoxGap, CylinderGap, RimGap
 from twolink.geometry.hulls import FEW, Hull
 from twolink.geometry.on_world import Group, OnFields, OnPlanes, RimsOnPlanes, bounding_radius
-from twolink.geometry.pairs import gaps_of
+from twolink.geometry.pairs import gaps_of, half_of, middle_of
 from twolink.geometry.points import Links, Places, Points, joined
 from twolink.integrate.motion.state import Array
 from twolink.native.contact import ContactScene, Parts, runs_alone
 from twolink.native.library import library
+from twolink.robots.collisions import Capsule, Solid, Sphere
 
 KINDS = ("free-flyer", "spherical", "planar", "revolute", "continuous", "prismatic")
 GROUPS = (OnPlanes, RimsOnPlanes, ByFormula)  # and those of balls on fields, and of hulls with few edges
@@ -104,14 +105,14 @@ class _Scene:
         """The sizes, the whole numbers and the numbers."""
         balls, planes, rims = self._on_planes()
         fields, on_fields = self._on_fields()
-        rounds = [row for group in self._groups(ByFormula) for row in self._rounds(cast(ByFormula, group))]
+        rounds = [self._rounds(cast(ByFormula, group)) for group in self._groups(ByFormula)]
         rows = [*planes, *rims, *fields, *on_fields, *rounds]
         hulls, solids, pairs = self._hulls()
         laws, (stops, ways) = self.laws, self._joints()
         model, viscosity = self.model, self.bodies.viscosity
         sizes = [model.njoints, model.nq, model.nv, self._numbers(), len(self.detector.names), sum(map(len, balls)),
-                 len(planes), len(rims), len(fields), len(on_fields), len(rounds), len(hulls), len(solids), len(pairs),
-                 len(stops)]  # fmt: skip
+                 len(planes), len(rims), len(fields), len(on_fields), sum(len(row[0]) for row in rounds), len(hulls),
+                 len(solids), len(pairs), len(stops)]  # fmt: skip
         thickness = np.where(np.isfinite(laws.thickness), laws.thickness, ENDLESS)
         of_bodies, of_joints = self._bodies()
         whole = [of_bodies, *(one[:, 0] for one in balls), *(row[0] for row in rows),
@@ -196,32 +197,38 @@ class _Scene:
                  ]  # fmt: skip
         return [_field(surface) for surface in surfaces], balls
 
-    def _rounds(self, group: ByFormula) -> Iterable[tuple[Any, Any]]:
-        bounds = group.bounds[group.ends].sum(axis=1).tolist()
-        for pair, number, bound in zip(group.pairs, group.pair.tolist(), bounds, strict=True):
-            (gap,) = gaps_of(pair)
-            yield self._round(number, gap, bound)
+    def _rounds(self, group: ByFormula) -> tuple[Array, Array]:
+        """Of each pair its row of whole numbers, and of numbers."""
+        bounds = group.bounds[group.ends].sum(axis=1)
+        if all(isinstance(solid.shape, (Sphere, Capsule)) for solid in group.solids):
+            joint, middle, radius, half = (np.array(each) for each in zip(*map(self._ball, group.solids), strict=True))
+            first, second = group.ends.T
+            whole = [np.zeros_like(first), group.pair, joint[first], joint[second]]
+            return np.column_stack(whole), np.column_stack([
+                middle[first], middle[second], radius[first], radius[second], half[first], half[second],
+                np.zeros((len(first), 12)), bounds])  # fmt: skip
+        gaps = (gaps_of(pair)[0] for pair in group.pairs)
+        wholes, numbers = zip(*map(self._round, group.pair.tolist(), gaps, bounds.tolist()), strict=True)
+        return np.array(wholes), np.array(numbers)
 
-    def _round(self, pair: int, gap: Any, bound: float) -> tuple[Any, Any]:
-        """A ball or capsule, the first body, and another shape, the second."""
-        none = [0.0] * 3
-        if isinstance(gap, RoundGap):
-            ball, other = gap.first, gap.second.frame
-            kind, point, radius, axes, edges = 0, gap.second.point, gap.second.radius, 3 * none, none
-            halves = [*self._at(ball.frame, gap.first_half, turned=True),
-                      *self._at(other, gap.second_half, turned=True)]  # fmt: skip
-        elif isinstance(gap, BoxGap):
-            ball, other, point, radius, halves = gap.ball, gap.frame, gap.point, 0.0, 2 * none
+    def _ball(self, solid: Solid) -> tuple[int, list[float], float, list[float]]:
+        """Of a ball or capsule its joint, its middle, its radius, and the way from there to an end."""
+        ball, way = middle_of(solid), self._at(solid.link, half_of(solid), turned=True)
+        return self._placed(solid.link)[0], self._at(solid.link, ball.point), ball.radius, way
+
+    def _round(self, pair: int, gap: Any, bound: float) -> tuple[list[int], list[float]]:
+        """A ball, the first body, and a box or a cylinder, the second."""
+        none, ball, other = [0.0] * 3, gap.ball, gap.frame
+        if isinstance(gap, BoxGap):
             kind, edges = 1, list(gap.half)
             axes = [x for axis in gap.axes for x in self._at(other, axis, turned=True)]
         else:
             cylinder = cast(CylinderGap, gap)
-            ball, other, point, radius, halves = cylinder.ball, cylinder.frame, cylinder.point, 0.0, 2 * none
             kind, edges = 2, [cylinder.radius, cylinder.half, 0.0]
             axes = [*self._at(other, cylinder.axis, turned=True), *none, *none]
-        places = [*self._at(ball.frame, ball.point), *self._at(other, point)]
+        places = [*self._at(ball.frame, ball.point), *self._at(other, gap.point)]
         first, second = self._placed(ball.frame)[0], self._placed(other)[0]
-        return [kind, pair, first, second], [*places, ball.radius, radius, *halves, *axes, *edges, bound]
+        return [kind, pair, first, second], [*places, ball.radius, 0.0, *none, *none, *axes, *edges, bound]
 
     def _hulls(self) -> tuple[list[Hull], list[tuple[Any, Any]], list[list[int]]]:
         """Hulls, solids that have their shapes, and pairs of solids."""

@@ -28,6 +28,7 @@ TOUCHING = 1e-9  # m: what counts as no distance
 
 World = Plane | HeightField  # what is fixed to the world and belongs to no link
 Body = str | World
+Labels = dict[tuple[str, str], str]
 LEVEL = Plane()
 
 
@@ -45,8 +46,9 @@ def solids_of(
     solids = list(robot.solids_besides(given))
     if concavity is not None:
         solids = [part for solid in solids for part in convex_parts(solid, concavity)]
+    links = robot.frame_names
     for link, shapes in given.items():
-        check_name(link, robot.frame_names, f"shapes.{link}", "link")
+        check_name(link, links, f"shapes.{link}", "link")
         for k, shape in enumerate(shapes):
             if isinstance(shape, Convex) and not shape.vertices:
                 raise SceneError("it has no vertices", where=f"shapes.{link}[{k}].vertices", remedy="give some points")
@@ -69,22 +71,23 @@ def select_pairs(
                          code="no-shapes")  # fmt: skip
     chosen: dict[tuple[int, object], Pair] = {}
     labels = labels_of(solids)
+    named = _by_names(solids, labels)
     excluded: list[tuple[str, str]] = []
     if not isinstance(asked, (tuple, list)):
         raise SceneError(f"expected pairs of bodies, {SELF!r} or {GROUND!r}, got {asked!r:.60}", where="pairs",
                          remedy='such as [("foot", "ground")]')  # fmt: skip
     for i, item in enumerate(asked):
         if item == SELF:
-            allowed, not_allowed = _own_pairs(robot, solids, margin)
+            allowed, not_allowed = _own_pairs(robot, solids, labels, margin)
             excluded += not_allowed
         elif item == GROUND:
             allowed = [_pair(labels, solid, LEVEL) for solid in solids if _body(robot, solid)]
         else:
-            allowed = _named_pairs(robot, solids, item, f"pairs[{i}]")
+            allowed = _named_pairs(robot, named, labels, item, f"pairs[{i}]")
         for pair in allowed:
             chosen.setdefault(_key(pair), pair)
     for i, item in enumerate(exclude):
-        for pair in _named_pairs(robot, solids, item, f"exclude[{i}]"):
+        for pair in _named_pairs(robot, named, labels, item, f"exclude[{i}]"):
             if chosen.pop(_key(pair), None):
                 excluded.append((pair.name, "by the scene"))
     if not chosen:
@@ -125,14 +128,16 @@ def hollow_notes(pairs: Pairs) -> list[str]:
     return [*lines, hulls] if found else lines
 
 
-def _own_pairs(robot: Robot, solids: Sequence[Solid], margin: float) -> tuple[list[Pair], list[tuple[str, str]]]:
+def _own_pairs(
+    robot: Robot, solids: Sequence[Solid], labels: Labels, margin: float
+) -> tuple[list[Pair], list[tuple[str, str]]]:
     """The robot's own pairs that may touch, and the others: adjacent links, and shapes that overlap at rest.
 
     Bodies that only a joint of three directions or more connects, such as a free one, are neither: they are separate.
     """
     model, allowed, excluded = robot.model, list[Pair](), list[tuple[str, str]]()
     geometry, poses = collision_model(model, solids).geometryObjects, joint_poses(model, robot.neutral)
-    bodies, labels = [_body(robot, solid) for solid in solids], labels_of(solids)
+    bodies = [_body(robot, solid) for solid in solids]
     free = {body: [j for j in model.supports[body] if _is_free(model, j)] for body in set(bodies)}
     for i, k in itertools.combinations(range(len(solids)), 2):
         a, b = bodies[i], bodies[k]
@@ -161,12 +166,23 @@ def _overlap(geometry: Sequence[pin.GeometryObject], poses: Sequence[pin.SE3], i
     return distance < margin - TOUCHING
 
 
-def _named_pairs(robot: Robot, solids: Sequence[Solid], item: object, where: str) -> list[Pair]:
+def _by_names(solids: Sequence[Solid], labels: Labels) -> list[dict[str, list[Solid]]]:
+    """The solids of each link, of each name of their own, and of each label."""
+    kinds: list[dict[str, list[Solid]]] = [{}, {}, {}]
+    for one in solids:
+        for kind, name in zip(kinds, (one.link, one.name, labels[one.link, one.name]), strict=True):
+            kind.setdefault(name, []).append(one)
+    return kinds
+
+
+def _named_pairs(
+    robot: Robot, named: Sequence[Mapping[str, list[Solid]]], labels: Labels, item: object, where: str
+) -> list[Pair]:
     """Every shape of one named body with every shape of the other."""
     if isinstance(item, str) or not (isinstance(item, (tuple, list)) and len(item) == 2):
         raise SceneError(f"expected two bodies, {SELF!r} or {GROUND!r}, got {item!r:.60}", where=where,
                          remedy='such as ("foot", "ground") or ("palm", "cube")')  # fmt: skip
-    first, second = (_named(robot, solids, body, f"{where}[{k}]") for k, body in enumerate(item))
+    first, second = (_named(robot, named, body, f"{where}[{k}]") for k, body in enumerate(item))
     if isinstance(first, World):
         first, second = second, first
     if isinstance(first, World):
@@ -176,11 +192,10 @@ def _named_pairs(robot: Robot, solids: Sequence[Solid], item: object, where: str
              if _body(robot, a) != (0 if isinstance(b, World) else _body(robot, b))]  # fmt: skip
     if not pairs:
         raise SceneError("the two bodies do not move against each other", where=where, remedy="name links that do")
-    labels = labels_of(solids)
     return [_pair(labels, a, b) for a, b in pairs]
 
 
-def _named(robot: Robot, solids: Sequence[Solid], body: Body, where: str) -> list[Solid] | World:
+def _named(robot: Robot, named: Sequence[Mapping[str, list[Solid]]], body: Body, where: str) -> list[Solid] | World:
     if isinstance(body, HeightField):
         body.check(where)
         return body
@@ -192,20 +207,16 @@ def _named(robot: Robot, solids: Sequence[Solid], body: Body, where: str) -> lis
     if not isinstance(body, str):
         raise SceneError(f"expected the name of a body, {GROUND!r}, a Plane or a HeightField, got {body!r:.60}",
                          where=where, remedy='such as ("foot", "ground")')  # fmt: skip
-    if body == GROUND and not any(GROUND in (solid.link, solid.name) for solid in solids):
+    if body == GROUND and not any(GROUND in kind for kind in named[:2]):
         return LEVEL
-    labels = labels_of(solids)
-    kinds = [[one.link for one in solids], [one.name for one in solids], [labels[s.link, s.name] for s in solids]]
-    found = next(
-        ([one for one, name in zip(solids, names, strict=True) if name == body] for names in kinds if body in names), []
-    )
+    found = next((kind[body] for kind in named if body in kind), [])
     if not found:
-        names = dict.fromkeys((*kinds[0], *kinds[1], GROUND))
+        names = dict.fromkeys((*named[0], *named[1], GROUND))
         check_name(body, names, where, "link with a collision shape")
     return found
 
 
-def labels_of(solids: Sequence[Solid]) -> dict[tuple[str, str], str]:
+def labels_of(solids: Sequence[Solid]) -> Labels:
     """The name in pairs of each solid, by its link and its own name; the parts of a mesh are one.
 
     It is that of the link, where the link has no other; else its own; with the link's before it where that is the name
@@ -217,10 +228,10 @@ def labels_of(solids: Sequence[Solid]) -> dict[tuple[str, str], str]:
             else f"{link} {name}" for link, name in every}  # fmt: skip
 
 
-def _pair(labels: Mapping[tuple[str, str], str], a: Solid, b: Solid | World) -> Pair:
+def _pair(labels: Labels, a: Solid, b: Solid | World) -> Pair:
     """The pair of two bodies, whose names are among the labels."""
-    if isinstance(b, Solid):
-        a, b = sorted((a, b), key=_roundness)
+    if isinstance(b, Solid) and _roundness(b) < _roundness(a):
+        a, b = b, a
 
     def name(solid: Solid | World) -> str:
         if isinstance(solid, HeightField):
@@ -249,4 +260,4 @@ def _is_free(model: pin.Model, joint: int) -> bool:
 
 def _roundness(solid: Solid) -> int:
     """0 for a sphere, 1 for a capsule, 2 for what has flat sides."""
-    return next((rank for rank, kind in enumerate((Sphere, Capsule)) if isinstance(solid.shape, kind)), 2)
+    return {Sphere: 0, Capsule: 1}.get(type(solid.shape), 2)

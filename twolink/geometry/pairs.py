@@ -60,19 +60,19 @@ def gaps_of(pair: Pair) -> Sequence[Gap]:
         and isinstance(b.shape, (Sphere, Capsule))
         and (a.shape.radius + b.shape.radius > 0.0)
     ):
-        return [RoundGap(_middle(a), _middle(b), _half(a), _half(b))]
+        return [RoundGap(middle_of(a), middle_of(b), half_of(a), half_of(b))]
     ball = isinstance(a.shape, Sphere) and a.shape.radius > 0.0
     if ball and isinstance(b.shape, Box):
-        return [_box_gap(_middle(a), b)]
+        return [_box_gap(middle_of(a), b)]
     if isinstance(b.shape, Convex) and len(hull_of(b.shape).faces) > MOST_FACES:
         raise _no_formula(pair, f"there is none for meshes of more than {MOST_FACES} faces")
     if ball and isinstance(b.shape, Convex):
-        return [_hull_gap(_middle(a), b)]
+        return [_hull_gap(middle_of(a), b)]
     if isinstance(a.shape, Capsule) and a.shape.radius > 0.0 and isinstance(b.shape, (Box, Convex)):
         return _capsule_on_hull(a, b)
     if ball and isinstance(b.shape, Cylinder):
         radius, half = float(b.shape.radius), 0.5 * float(b.shape.length)
-        return [CylinderGap(_middle(a), b.link, vec(b.shape.point), _axes(b)[2], radius, half)]
+        return [CylinderGap(middle_of(a), b.link, vec(b.shape.point), _axes(b)[2], radius, half)]
     kinds = " and ".join(type(solid.shape).__name__.lower() for solid in (a, b))
     raise _no_formula(pair, f"there is no formula for {kinds}")
 
@@ -109,7 +109,7 @@ def points_of(pair: Pair) -> int:
 
 def _capsule_on_hull(capsule: Solid, solid: Solid) -> list[Gap]:
     """Both ends against the box or mesh, and the segment between them against its edges."""
-    ball, half = _middle(capsule), _half(capsule)
+    ball, half = middle_of(capsule), half_of(capsule)
     ends = (Ball(ball.frame, vec(np.array(ball.point) + side * np.array(half)), ball.radius) for side in (-1.0, 1.0))
     gap = _box_gap if isinstance(solid.shape, Box) else _hull_gap
     edges = [np.array(edge, dtype=float) for edge in _edges(solid)]
@@ -173,12 +173,12 @@ def _cylinder_on_plane(solid: Solid, shape: Cylinder, frame: str, normal: Vec, h
     return gaps
 
 
-def _middle(solid: Solid) -> Ball:
+def middle_of(solid: Solid) -> Ball:
     """The ball about the middle of a sphere or capsule."""
     return Ball(solid.link, vec(solid.shape.point), float(getattr(solid.shape, "radius", 0.0)))
 
 
-def _half(solid: Solid) -> Vec:
+def half_of(solid: Solid) -> Vec:
     """From the middle of a capsule to the centre of an end, in the link's axes; 0 for a sphere."""
     if not isinstance(solid.shape, Capsule):
         return ZERO

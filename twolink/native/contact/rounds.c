@@ -82,9 +82,19 @@ static void detect(tl_scene *s, const tl_round *one, const double *a, const doub
   tl_add_point(s, &point);
 }
 
+/* Whether two bodies may be nearer than a reach, by spheres around their origins; what is fixed may be anywhere. */
+static int may_touch(const tl_scene *s, int a, int b, double reach) {
+  const double limit = s->body[a].extent + s->body[b].extent + reach;
+  double apart[3];
+  tl_minus(s->origin + 3 * a, s->origin + 3 * b, apart);
+  return !a || !b || tl_dot(apart, apart) < limit * limit;
+}
+
 /* The points of pairs whose bounding spheres are near. */
 void tl_detect_rounds(tl_scene *s, double reach) {
-  for (const tl_round *one = s->round; one < s->round + s->rounds; one++) {
+  for (int k = 0; k < s->rounds; k++) {
+    if (!may_touch(s, s->round_ends[2 * k], s->round_ends[2 * k + 1], reach)) continue;
+    const tl_round *one = s->round + k;
     double a[3], b[3], apart[3];
     tl_at(s->turned + 9 * one->first, s->origin + 3 * one->first, one->centre[0], a);
     tl_at(s->turned + 9 * one->second, s->origin + 3 * one->second, one->centre[1], b);

@@ -174,6 +174,7 @@ static void read_rounds(tl_scene *s, reader *r) {
     next_numbers(r, one->axes, 9);
     next_numbers(r, one->edges, 3);
     one->bound = next_number(r);
+    s->round_ends[2 * k] = one->first, s->round_ends[2 * k + 1] = one->second;
   }
 }
 
@@ -273,6 +274,7 @@ static void own_parts(tl_scene *s, reader *r) {
   s->field = own(s, r, (size_t)s->fields, sizeof(tl_field));
   s->on_field = own(s, r, (size_t)s->on_fields, sizeof(tl_on_field));
   s->round = own(s, r, (size_t)s->rounds, sizeof(tl_round));
+  s->round_ends = own(s, r, 2 * (size_t)s->rounds, sizeof(int32_t));
   s->hull = own(s, r, (size_t)s->hulls, sizeof(tl_hull));
   s->solid = own(s, r, (size_t)s->solids, sizeof(tl_solid));
   s->hull_pair = own(s, r, (size_t)s->hull_pairs, sizeof(tl_hull_pair));

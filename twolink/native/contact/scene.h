@@ -159,6 +159,7 @@ typedef struct {
   tl_field *field;
   tl_on_field *on_field;
   tl_round *round;
+  int32_t *round_ends; /* the bodies of each again, which many that are far apart are read by */
   tl_hull *hull;
   tl_solid *solid;
   tl_hull_pair *hull_pair;
