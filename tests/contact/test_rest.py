@@ -12,7 +12,8 @@ from tests.effects.bodies import G, above, free_bodies, spheres, stepped
 from tests.near import assert_near, assert_within
 from twolink.contact import stepping
 from twolink.contact.rest import RestingSteps
-from twolink.contact.steps import Step
+from twolink.contact.solver import stepper_of
+from twolink.contact.steps import Step, plan_steps
 from twolink.simulation import stepped_run
 
 E = tl.effects
@@ -94,6 +95,23 @@ def test_a_rest_of_other_lengths_has_the_same_forces() -> None:
     for one, step in steps:
         assert isinstance(step, Step)
         assert step.on_first / step.h == pytest.approx(one.on_first / one.h, rel=1e-12)
+
+
+@pytest.mark.parametrize("native", [True, False])
+def test_nothing_rests_while_a_gap_closes(native: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fingers that meet a box late in a step close the gap in the next one, in which nothing has a velocity."""
+    if not native:
+        monkeypatch.setattr(stepping, "take_steps", lambda *_: None)
+    stepper = stepper_of(tl.load_scene("grasp"))
+    plan = plan_steps(stepper.equations, np.array([0.0, 0.06]), 0.005, 0)
+    q, v, memory = stepper.begin
+    for k in range(len(plan.t)):
+        step = stepper.run(plan, range(k, k + 1), q, v, memory)[0]
+        q, v, memory = step.q, step.v, step.memory
+    points = stepper.detector.points(stepper.bodies.places(q, v)[0], 0.01)
+    touching = np.isin(points.key, memory.keys)
+    assert touching.sum() == 12
+    assert np.abs(points.gap[touching]).max() < 1e-8
 
 
 def test_a_first_estimate_that_is_small_by_chance_is_held_against_a_next_one() -> None:

@@ -152,11 +152,12 @@ static void crossing(const both_hulls *h, const separation *apart, double reach)
 
 /* The face of a hull that looks most against a normal, of those at its lowest corner. */
 static int face_at_lowest(const tl_hull *hull, const tl_solid *solid, const double *normal) {
-  int lowest = 0, face = -1;
+  int lowest = hull->vertices, face = hull->faces;
   double low = INFINITY;
-  for (int i = 0; i < hull->vertices; i++) {
+  for (int k = 0; k < 2 * hull->edges; k++) { /* vertices without edges are no corners */
+    const int i = hull->edge[k];
     const double height = tl_dot(solid->vertex + 3 * i, normal);
-    if (height < low) low = height, lowest = i;
+    if (height < low || (height == low && i < lowest)) low = height, lowest = i;
   }
   low = INFINITY;
   for (int e = 0; e < hull->edges; e++) {
@@ -167,7 +168,7 @@ static int face_at_lowest(const tl_hull *hull, const tl_solid *solid, const doub
       if (height < low || (height == low && f < face)) low = height, face = f;
     }
   }
-  return face < 0 ? 0 : face;
+  return face < hull->faces ? face : 0; /* of what is not finite */
 }
 
 /* The part of a polygon with depths that are not negative. side: the number of the side that this makes. Returns its size. */
