@@ -128,3 +128,10 @@ def test_units_of_angles_leave_lengths_and_cosines(tmp_path: Path) -> None:
         read = read_log(robot, path, units=["deg"]).table
         np.testing.assert_allclose(read["q"], q, rtol=1e-12)
         np.testing.assert_allclose(read["v"], v, rtol=1e-12)
+
+
+def test_a_missing_column_is_told_beside_all_that_there_are() -> None:
+    log = ["t", *(f"{name}{k}" for name in "qvi" for k in range(2)), *(f"extra{k}" for k in range(1, 31)), "x"]
+    said = "there are t, q0, q1, v0, v1, i0, i1, extra1 to extra30, x; .*map"
+    with refusal(QueryError, code="column-missing", match=said):
+        measurements_of(tl.load_robot("two_link"), dict.fromkeys(log, np.zeros(3)), "log.csv")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import string
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -281,7 +283,16 @@ def measurements_of(robot: Robot, content: Mapping[str, np.ndarray], where: str)
     return out
 
 
+def _listed(names: Sequence[str], most: int = 12) -> str:
+    """Names in words, those that are numbered as one: "t, q0 to q5"."""
+    said = list[str]()
+    for stem, group in itertools.groupby(map(str, names), lambda name: name.rstrip(string.digits)):
+        members = list(group)
+        said += [f"{members[0]} to {members[-1]}"] if len(members) > 2 and members[0] != stem else members
+    return ", ".join(said[:most]) + (f" and {len(said) - most} more" if len(said) > most else "")
+
+
 def _missing(where: str, column: str, there: list[str]) -> QueryError:
-    what = f"column {column!r} is missing; there are {', '.join(there[:12])}"
-    remedy = "name the columns t, q0, q1, ... or q.JOINT, and so on for tau, v and a"
+    what = f"column {column!r} is missing; there are {_listed(there)}"
+    remedy = "name the columns t, q0, q1, ... or q.JOINT, and so on for tau, v and a; or map them (--columns)"
     return QueryError(what, where=where, remedy=remedy, code="column-missing")

@@ -71,8 +71,9 @@ class Comparison(Plotted, BaseResult):
         lines.append(f"  cost: {self.peer.partition(' ')[0]} {self.seconds:.3g} s, off by at most "
                      f"{self.verdict.distance.max():.2g} {self.verdict.unit}")  # fmt: skip
         if cost is not None:
-            lines.append(f"  cost: twolink {cost.seconds + cost.verify_seconds:.3g} s, {self.ours.error_text}, and "
-                         f"{cost.compile_seconds:.3g} s of preparing")  # fmt: skip
+            prepared = f", and {cost.compile_seconds:.3g} s of preparing" if cost.compile_seconds else ""
+            seconds = cost.seconds + cost.verify_seconds
+            lines.append(f"  cost: twolink {seconds:.3g} s, {self.ours.error_text}{prepared}")
         return "\n".join(lines)
 
     __repr__ = __str__
