@@ -82,6 +82,8 @@ FOREIGN = {
         "</robot>", '<transmission><drake:rotor_inertia value="1"/></transmission></robot>', ["rotor_inertia in"]),
     "ros2_control": ("</robot>", "<ros2_control/></robot>", ["1 x <ros2_control>"]),
     "safety": ("<dynamics", '<safety_controller k_velocity="1"/><dynamics', ["safety controllers"]),
+    "onshape-to-robot's joints": (
+        "<dynamics", '<joint_properties friction="0.0"/><dynamics', ["1 x <joint_properties>"]),
     "pybullet's contact": (
         "<inertial><o", '<contact><inertia_scaling value="3"/></contact><inertial><o',
         ["contact coefficients", "inertia_scaling in <contact>"]),

@@ -135,7 +135,7 @@ def draw_defaults(study: DefaultsStudy, axes: Any) -> None:
                      label=name)  # fmt: skip
         for row in rows:
             costs.annotate(f"{row.setting:.0e}".replace("e-0", "e-"), (row.largest, 1e3 * row.seconds), fontsize=7,
-                           xytext=(4, 4), textcoords="offset points", color=colour)  # fmt: skip
+                           xytext=(3, -9), textcoords="offset points", color=colour)  # fmt: skip
     costs.invert_xaxis()
     costs.set(
         title="what right digits cost, after a first run", xlabel="error after three cycles (rad)", ylabel="time (ms)"

@@ -320,11 +320,14 @@ def _is_prefixed(tag: str) -> bool:
 
 
 def _moves_nothing(reader: Reader, element: Element, owner: str) -> bool:
-    """True if this is an <origin> without effect. Some exporters write one into each link."""
-    zeros, keys = (0.0, 0.0, 0.0), ("xyz", "rpy")
-    if element.tag != "origin" or element.attributes.keys() - set(keys):
+    """True if this is an <origin> without effect, which some exporters write into each link, or such <joint_properties>
+    (the old name of <dynamics>), which onshape-to-robot writes into each joint.
+    """
+    keys = {"origin": ("xyz", "rpy"), "joint_properties": ("damping", "friction")}.get(element.tag)
+    if keys is None or element.attributes.keys() - set(keys):
         return False
-    return all(reader.numbers(element, key, owner, 3, zeros) == zeros for key in keys)
+    zeros = (0.0,) * (3 if element.tag == "origin" else 1)
+    return all(reader.numbers(element, key, owner, len(zeros), zeros) == zeros for key in keys)
 
 
 def _count_motion(element: Element, holder: str, found: Foreign) -> None:

@@ -145,6 +145,14 @@ def test_methods_of_a_path(http: Served) -> None:
     assert [http.request(method, "/v1/nowhere").status_code for method in ("GET", "OPTIONS", "PUT")] == [404] * 3
 
 
+def test_a_misspelt_query_is_refused_with_the_one_that_is_meant(http: Served) -> None:
+    for name in ("foward-dynamics", "forward_dynamics"):
+        problem = http.ask(f"/v1/robots/two_link/{name}", {"q": [0, 0]}, status=404)
+        assert problem["detail"] == f"there is no query '{name}'"
+        assert problem["remedy"].startswith("did you mean 'forward-dynamics'?")
+    assert http.ask("/v1/nowhere", status=404)["detail"] == "Not Found"
+
+
 def test_a_misspelt_parameter_is_refused_by_its_name(http: Served) -> None:
     meant = "did you mean 'limit'?"
     for path, remedy in (("/v1/robots", meant), ("/v1/simulations", meant), ("/v1/queries", "leave it out")):

@@ -14,6 +14,7 @@ from litestar.openapi import OpenAPIConfig
 
 from twolink._version import __version__
 from twolink.dynamics.queries import Query
+from twolink.errors import nearest
 from twolink.parts.service.http import api_jobs, api_live, api_models, api_site
 from twolink.parts.service.http.components import PREFIX, Service
 from twolink.parts.service.http.messages import (
@@ -42,6 +43,7 @@ from twolink.parts.service.work.sharing import OWNER, REQUEST, RequestMemory, Sh
 _PARTS = (api_models, api_jobs, api_live, api_site)
 _NAMED = [one for part in _PARTS for one in vars(part).values() if isinstance(one, BaseRouteHandler)]
 _QUERY_HEADERS = b"".join(b"%s: %s\r\n" % pair for pair in ((b"content-type", JSON.encode()), DENY_ALL, *SECURITY))
+_BELOW_ROBOT = re.compile(rf"{PREFIX}[^/]+/([^/]{{1,80}})")
 _ABOUT = "Rigid-body dynamics from a URDF: queries, experiments and playback."
 
 
@@ -226,6 +228,9 @@ class Shell:
     async def _to_litestar(self, scope: Any, receive: Any, send: Any, cors: list[Header], start: float) -> None:
         """Hand a request on with a body within limits, and add the security headers to the answer."""
         allowed = self._allowed(scope["path"])
+        if not allowed and (misspelt := _BELOW_ROBOT.fullmatch(scope["path"])):
+            remedy = f"{nearest(misspelt[1], QUERIES)} (GET /v1/queries lists them)"
+            raise Refusal(404, f"there is no query {misspelt[1]!r}", where="path", remedy=remedy)
         if allowed and scope["method"] not in allowed:
             what = f"{scope['method'][:20]} is not for this path"
             raise Refusal(405, what, remedy=f"it takes {allowed}", where="method", allow=allowed)
