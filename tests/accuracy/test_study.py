@@ -56,6 +56,11 @@ def test_rows_are_by_method_and_errors_fall_with_the_setting(study: tl.Study) ->
             assert (row.tolerance is None) != (row.step is None)
 
 
+def test_errors_have_the_unit_of_the_joints(study: tl.Study) -> None:
+    assert study.unit == "rad"
+    assert "at any sample, rad, against" in str(study)
+
+
 def test_work_beside_it_does_not_count(arm: tl.Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     """Four of five runs wait 50 s for other programs, and a median would say so."""
     plain, waits = measuring.StudyRun._run, itertools.cycle((50.0, 50.0, 50.0, 0.0, 50.0))

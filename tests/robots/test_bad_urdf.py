@@ -55,6 +55,7 @@ BAD = {
         ["joint 'l'", "'c' is already the child of joint 'j'"],
     ),
     "missing parent": (swapped('parent link="base"', 'parent link="bse"'), ["'hinge'", "'bse'", "mean 'base'"]),
+    "missing world": (swapped('parent link="base"', 'parent link="world"'), ['add <link name="world"/>']),
     "missing child": (swapped('child link="arm"', 'child link="leg"'), ["child link 'leg' does not exist"]),
     "parent is child": (swapped('child link="arm"', 'child link="base"'), ["parent and child are both 'base'"]),
     "duplicate link": (robot(link("a"), link("b"), link("b"), joint("j", "a", "b")), ["link 'b'", "2 times"]),

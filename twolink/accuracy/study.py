@@ -23,6 +23,7 @@ from twolink.integrate.steps.methods import METHODS, Method, method_named
 from twolink.io.files import path_to_write
 from twolink.io.progress import Report
 from twolink.io.tables import SUFFIXES, require_format, write_table
+from twolink.robots.joint_layout import unit_of
 from twolink.scenes import Scene
 from twolink.show.figure import Plotted
 from twolink.simulation.sampling import duration_for, sample_times, with_ends
@@ -172,7 +173,7 @@ def accuracy_study(
     reference = measurements.reference.about
     rows = with_front(_sorted(measurements), reference)
     return Study(scene.robot.name, float(times[-1]), len(times), rows, tuple(measurements.failures), reference,
-                 time.perf_counter() - began, interrupted)  # fmt: skip
+                 time.perf_counter() - began, interrupted, unit_of(scene.robot.joints))  # fmt: skip
 
 
 def _measure_all(

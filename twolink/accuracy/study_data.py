@@ -102,6 +102,8 @@ class StudyData:
         Of the whole study.
     interrupted : bool
         Ctrl-C ended it early.
+    unit : str
+        Of errors: "rad", "m", or "rad or m".
     """
 
     robot: str
@@ -112,6 +114,7 @@ class StudyData:
     reference: Reference
     seconds: float
     interrupted: bool = False
+    unit: str = "rad or m"
 
     @property
     def front(self) -> tuple[Row, ...]:
@@ -181,7 +184,7 @@ def _head(study: StudyData) -> str:
     return (
         f"{study.robot}: {study.duration:g} s, {study.samples} samples; {len(study.rows)} entries "
         f"in {study.seconds:.0f} s{ended}\n"
-        f"errors: the largest of q at any sample, rad or m, against\n  {about.how}\n"
+        f"errors: the largest of q at any sample, {study.unit}, against\n  {about.how}\n"
         f"  its own error is {about.error:.1e}; it took {in_words(about.seconds)}"
     )
 
@@ -268,7 +271,7 @@ def plot_study(study: StudyData) -> Figure:
         raise ShowError(what, where="plot", remedy=remedy, code="nothing-to-draw")
     figure, axes = new_figure(1, size=(11, 6.6))
     axis, floor = axes[0, 0], study.reference.error
-    _set_axes(axis, *_points(rows, floor), floor)
+    _set_axes(axis, *_points(rows, floor), floor, study.unit)
     front = [row for row in study.front if row.error <= MAX_ERROR]
     axis.plot(*_points(front, floor), color="0.82", linewidth=11, solid_capstyle="round", zorder=1)
     _write_prices(axis, study.price_of_digits())
@@ -289,14 +292,14 @@ def _points(rows: list[Row], floor: float) -> Points:
     return [max(row.error, floor) for row in rows], [row.seconds for row in rows]
 
 
-def _set_axes(axis: Any, errors: list[float], seconds: list[float], floor: float) -> None:
+def _set_axes(axis: Any, errors: list[float], seconds: list[float], floor: float, unit: str) -> None:
     """Limits, ticks and titles; errors that are within 100 times the reference's own are shaded."""
     from matplotlib.ticker import LogLocator
 
     best = min(errors)
     axis.set(xscale="log", yscale="log", ylim=(min(seconds) / 3.5, max(seconds) * 2),
              xlim=(max(errors) * 2, max(min(best, BETTER * floor) / 4, best / BEYOND)),
-             xlabel="error of q, the largest at any sample (rad, m): more accurate to the right",
+             xlabel=f"error of q, the largest at any sample ({unit}): more accurate to the right",
              ylabel="time to solve, compiling not counted")  # fmt: skip
     axis.xaxis.set_major_locator(LogLocator(base=10, numticks=30))
     axis.yaxis.set_major_formatter(lambda y, _: in_words(y).replace("us", "µs"))

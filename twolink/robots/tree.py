@@ -82,7 +82,8 @@ def read_tree(element: Element, source: str, foreign: str = "refuse", xacro: str
     for joint in joints:
         for role, name in (("parent", joint.parent), ("child", joint.child)):
             if name not in by_name:
-                raise _error(f"{role} link {name!r} does not exist", joint.where, nearest(name, by_name))
+                remedy = 'add <link name="world"/>' if name == "world" else nearest(name, by_name)
+                raise _error(f"{role} link {name!r} does not exist", joint.where, remedy)
     return joined_tree(element, by_name, joints, source, other)
 
 
