@@ -134,6 +134,7 @@ def mujoco(logs: Logs) -> Predict:
     with tempfile.TemporaryDirectory() as folder:
         spec = mj.MjSpec.from_file(str(tl.export(logs.robot, Path(folder) / "robot.xml")))
     spec.option.disableflags |= mj.mjtDisableBit.mjDSBL_CONTACT.value | mj.mjtDisableBit.mjDSBL_LIMIT.value
+    spec.compiler.balanceinertia = True  # of a URDF that no body has
     first, params, names = spec.compile(), sysid.ParameterDict(), logs.robot.joint_names
     for body in (body for body in map(first.body, range(1, first.nbody)) if body.dofnum[0]):
         x = np.array([max(body.mass[0], 0.1), *body.ipos, 0.1, 0, 0.1, 0, 0, 0.1])
