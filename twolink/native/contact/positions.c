@@ -87,7 +87,7 @@ static int solve_as_contacts(tl_scene *s, rows_of_positions *r) {
   tl_answer answer;
   for (int i = 0; i < r->n; i++) {
     for (int m = r->g.first[i]; m < r->g.first[i + 1]; m++)
-      memset(r->g.y + TL_PART * (size_t)m, 0, (r->sought[3 * i + 2] ? 2 : 3) * TL_LANES * sizeof(double));
+      memset(r->g.y + TL_PART * (size_t)m, 0, (r->sought[3 * i + 2] ? 2u : 3u) * TL_LANES * sizeof(double));
     problem.b[3 * i] = problem.b[3 * i + 1] = 0.0, problem.b[3 * i + 2] = r->sought[3 * i + 2] ? r->off[3 * i + 2] : 0.0;
     problem.mu[i] = 0.0;
   }
