@@ -1,6 +1,10 @@
 """The paper's statements, held against laws and independent formulas; its figures by their numbers."""
 
+import contextlib
 import functools
+import io
+import json
+import math
 import re
 from pathlib import Path
 
@@ -28,6 +32,28 @@ def three_cycles(scale: float = 1.0) -> ArmMotion:
 
 def by_text(claims: tuple[Claim, ...] | list[Claim]) -> dict[str, bool | None]:
     return {claim.text: claim.holds for claim in claims}
+
+
+EXERCISES = {
+    1: ("my_a22", 1 / 3),
+    3: ("my_weight", [29.43, 4.905]),
+    7: ("my_c21", math.sin(0.5) / 2),
+    13: ("my_entry", "h[1]"),
+}
+
+
+@pytest.mark.parametrize("cell", EXERCISES)
+def test_the_exercise_says_right_or_wrong_and_keeps_the_truth_folded(cell: int) -> None:
+    cells = json.loads((TOP / "docs" / "tutorials" / "paper_exercise.ipynb").read_text("utf-8"))["cells"]
+    code = ["".join(each["source"]) for each in cells if each["cell_type"] == "code"]
+    (name, right), printed = EXERCISES[cell], list[str]()
+    for given in (None, 7.0, right):
+        asked = code[cell].replace(f"{name} = None", f"{name} = {given!r}")
+        with contextlib.redirect_stdout(io.StringIO()) as out:
+            exec("\n".join((code[0], asked, code[cell + 1])), {})
+        printed.append(out.getvalue())
+    assert printed[:2] == ["no answer yet\n", "wrong\n"]
+    assert printed[2] == "right\n" or "the term of v[0]^2 has the wrong sign" in printed[2]
 
 
 def test_the_length_of_the_exercise_follows_from_the_cycle_that_it_gives() -> None:
