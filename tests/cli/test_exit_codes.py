@@ -1,10 +1,12 @@
 """Exit codes: 0 done, 1 failed, 2 misused, 130 interrupted; each failure is one line on stderr."""
 
+import subprocess
+import sys
 from types import SimpleNamespace
 
 import pytest
 
-from tests.command import call, call_process, one_line
+from tests.command import TOP, call, call_process, one_line
 from twolink.cli.wording import spoken
 
 FAILED = {
@@ -101,3 +103,9 @@ def test_a_failed_check_exits_1(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("twolink.lagrange.check.check", lambda **_: failed)
     done = call("check")
     assert (done.returncode, done.stdout) == (1, "FAILED\n")
+
+
+def test_a_warning_is_one_line() -> None:
+    code = "import warnings; from twolink.cli import app; app.app = lambda **_: warnings.warn('beyond'); app.main()"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=TOP)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "twolink: warning: beyond\n")

@@ -4,6 +4,7 @@ import contextlib
 import importlib
 import os
 import sys
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
@@ -58,7 +59,8 @@ def _main(
 
 
 def main() -> None:
-    """Run the command line. A failure ends in one line on stderr, without a traceback."""
+    """Run the command line. A failure ends in one line on stderr, without a traceback; a warning is one, too."""
+    warnings.showwarning = lambda message, *_, **__: typer.echo(f"twolink: warning: {message}", err=True)
     try:
         code = app(prog_name="twolink", standalone_mode=False)
     except TwolinkError as error:
