@@ -80,6 +80,7 @@ class Page:
     def choose(self, selector: str, value: str, *, stays: bool = True) -> None:
         """Set a control as a person does, a list once it has that choice. stays: it then shows that value."""
         options = f"document.querySelector({json.dumps(selector)}).options"
+        self.wait_for(f"document.querySelector({json.dumps(selector)})")  # forms come with what describes them
         self.wait_for(f"!{options} || [...{options}].some(x => x.value === {json.dumps(value)})")
         script = f"""(() => {{ const e = document.querySelector({json.dumps(selector)}); e.value = {json.dumps(value)};
             e.dispatchEvent(new Event('input', {{bubbles: true}}));
