@@ -144,6 +144,7 @@ ERRORS = {
     "None": (lambda r: r.bias(Z2, None), ["v: expected numbers, got None; give the array"]),
     "mask": (lambda r: r.mass_matrix(np.ma.masked_array([0.0, 1.0], [0, 1])), ["q", "mask"]),
     "mask of a batch": (lambda r: r.mass_matrix(np.ma.masked_array([Z2, [0.0, 1.0]], [Z2, [0, 1]])), ["q", "mask"]),
+    "names": (lambda r: r.mass_matrix({"shoulder": 0.1}), ["q: expected real numbers", 'robot.by_joint("q", {...})']),
     "complex": (lambda r: r.mass_matrix([1j, 0]), ["q: expected real numbers, got complex128"]),
     "batches": (lambda r: r.bias(np.zeros((3, 2)), np.zeros((4, 2))), ["do not broadcast", "(3, 2)", "(4, 2)"]),
     "method": (lambda r: r.forward_dynamics(Z2, Z2, Z2, method="abba"), ["method", "did you mean 'aba'"]),

@@ -88,7 +88,8 @@ def array(
         raise QueryError(what, argument=name, remedy=remedy) from None
     if out.dtype != np.float64:
         if out.dtype.kind not in "fiu":
-            raise QueryError(f"expected real numbers, got {out.dtype}", argument=name, remedy="convert it to float")
+            by_name = f'give robot.by_joint("{name}", {{...}})' if isinstance(value, Mapping) else "convert it to float"
+            raise QueryError(f"expected real numbers, got {out.dtype}", argument=name, remedy=by_name)
         out = out.astype(np.float64)
     if size is not None and (out.ndim == 0 or out.shape[-1] != size):
         what = f"expected shape (..., {size}), got {out.shape}"
