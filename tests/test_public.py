@@ -18,7 +18,7 @@ FACE = {
     tl: ["Certificate", "Compiled", "Cost", "EnergyBalance", "EquationCheck", "Equilibria", "Event", "Explanation",
          "Findings", "Gradient", "Identification", "Linearization", "LoadReport", "ModelComparison", "Optimum",
          "PeriodicMotion", "Robot", "Scene", "SceneFit", "Sensitivities", "Simulation", "StepTable", "Study",
-         "Trajectory", "Verdict", "Verdicts", "Worlds", "Wrench", "accuracy_study", "check_equations",
+         "Trajectory", "TwolinkError", "Verdict", "Verdicts", "Worlds", "Wrench", "accuracy_study", "check_equations",
          "compare_models", "connect", "effects", "energy_book", "equilibria", "errors", "explain", "export", "fit",
          "gradient", "identify", "judge", "judge_many", "lagrange", "linearize", "lint", "load_robot", "load_scene",
          "loop_forces", "lqr", "methods", "optimize", "periodic_motion", "progress_bar", "robots", "scene_of",

@@ -8,6 +8,7 @@ from twolink._version import __version__ as __version__
 from twolink.accuracy import Study, accuracy_study
 from twolink.dynamics import Robot, Wrench, load_robot
 from twolink.dynamics.compiled import Compiled
+from twolink.errors import TwolinkError
 from twolink.integrate.steps.methods import methods
 from twolink.robots import LoadReport, robots
 from twolink.scenes import Scene, load_scene, scenes
@@ -139,6 +140,7 @@ __all__ = [
     "StepTable",
     "Study",
     "Trajectory",
+    "TwolinkError",
     "Verdict",
     "Verdicts",
     "Worlds",
