@@ -18,6 +18,7 @@ from tests.command import TOP
 from twolink import effects as fx
 from twolink.errors import QueryError, SceneError, TwolinkError
 from twolink.lagrange.check import arm_urdf
+from twolink.robots.collisions import Solid
 
 ROBOTS = ("two_link", "panda", "ur5", "kinova", "z1", "double_pendulum_continuous", "solo12", "go1", "anymal", "bowler")
 SIMILAR = ("ur5", "z1", "go1", "solo12", "bowler")  # to others of these
@@ -213,6 +214,29 @@ def test_one_function_writes_every_format(tmp_path: Path) -> None:
     assert tl.export(scene, tmp_path / "it.fmu", platforms=[]).exists()
     run = tl.simulate(scene, 0.1)
     assert tl.export(run, tmp_path / "it.csv").read_text() == run.save(tmp_path / "other.csv").read_text()
+
+
+def support(solid: Solid, n: np.ndarray) -> float:
+    """How far a ball, cylinder or capsule reaches along a direction of length 1, m."""
+    shape, turned = solid.shape, pin.rpy.rpyToMatrix(np.array(getattr(solid.shape, "rpy", (0.0, 0.0, 0.0))))
+    along = abs(n @ turned[:, 2])
+    across = np.sqrt(1.0 - min(along, 1.0) ** 2) if isinstance(shape, fx.Cylinder) else 1.0
+    return float(n @ np.array(shape.point) + 0.5 * getattr(shape, "length", 0.0) * along + shape.radius * across)
+
+
+def test_a_capsule_is_shapes_that_a_urdf_has(tmp_path: Path) -> None:
+    """urdfdom, by which Pinocchio reads shapes, refuses a capsule; the cylinder and balls reach as far in all ways."""
+    shape = '<geometry><capsule radius="0.1" length="0.5"/></geometry>'
+    turned = f'<collision name="rod"><origin xyz="0.1 -0.2 0.3" rpy="0.4 0.5 -0.6"/>{shape}</collision>'
+    robot = tl.load_robot(arm_urdf(1, 2, 3, 4).replace("</link>", f"{turned}</link>", 3))
+    path = robot.export_urdf(tmp_path / "r.urdf")
+    again, geometry = tl.load_robot(path), pin.buildGeomFromUrdf(robot.model, str(path), pin.GeometryType.COLLISION)
+    assert geometry.ngeoms == len(again.solids) == 3 * len(robot.solids) > 0
+    directions = np.random.default_rng(7).normal(size=(100, 3))
+    for capsule in robot.solids:
+        parts = [one for one in again.solids if one.link == capsule.link]
+        for n in directions / np.linalg.norm(directions, axis=1, keepdims=True):
+            assert max(support(one, n) for one in parts) == pytest.approx(support(capsule, n), abs=1e-12)
 
 
 NOT_WRITTEN = (("robot", "x.fmu", r"'\.fmu' is not a format"), ("scene", "x.urdf", "known: .fmu"),

@@ -1,5 +1,6 @@
 """A robot as a URDF in one form: merged bodies, locked joints fixed, inertias about centres of mass along link axes."""
 
+import copy
 import math
 import os
 import xml.etree.ElementTree as ET
@@ -26,7 +27,8 @@ def export_urdf(robot: Robot, path: str | os.PathLike[str]) -> Path:
     """Write a robot as a URDF in one form: bodies merged, locked joints fixed, inertias about centres of mass.
 
     Links stay as frames; `tl.compare_models` finds it equal, but for what an MJCF says and a URDF has not: gravity,
-    springs, loops and compensated weights are left out. Meshes are named by their full paths.
+    springs, loops and compensated weights are left out. Meshes are named by their full paths. A capsule, which a URDF
+    has not, is a cylinder with a ball at each end.
 
     Raises
     ------
@@ -72,7 +74,9 @@ def urdf_text(robot: Robot) -> str:
                           offset=repr(mimic.offset))  # fmt: skip
     for link in root.iter("link"):
         shapes = said.links[link.get("name", "")].element.children if link.get("name") in said.links else []
-        link.extend(ET.fromstring(shape.to_xml()) for shape in shapes if shape.tag in ("visual", "collision"))
+        for shape in shapes:
+            if shape.tag in ("visual", "collision"):
+                link.extend(_shapes(ET.fromstring(shape.to_xml())))
     ET.indent(root)
     return ET.tostring(root, encoding="unicode") + "\n"
 
@@ -86,6 +90,26 @@ def _link(root: ET.Element, name: str, body: pin.Inertia | None) -> None:
     ET.SubElement(inertial, "origin", xyz=written(body.lever), rpy="0 0 0")
     ET.SubElement(inertial, "mass", value=repr(float(body.mass)))
     ET.SubElement(inertial, "inertia", moments_written(body.inertia))
+
+
+def _shapes(shape: ET.Element) -> list[ET.Element]:
+    """A shape of a link by elements of URDF: of a capsule, which it has not, a cylinder with a ball at each end."""
+    capsule = shape.find("geometry/capsule")
+    if capsule is None:
+        return [shape]
+    given = shape.find("origin")
+    origin = {} if given is None else given.attrib
+    xyz, rpy = (np.array(origin.get(key, "0 0 0").split(), dtype=float) for key in ("xyz", "rpy"))
+    half, parts = pin.rpy.rpyToMatrix(rpy)[:, 2] * 0.5 * float(capsule.get("length", 0.0)), list[ET.Element]()
+    for side, kind in ((0.0, "cylinder"), (1.0, "sphere"), (-1.0, "sphere")):
+        part = copy.deepcopy(shape)
+        for old in part.findall("geometry") + part.findall("origin"):
+            part.remove(old)
+        ET.SubElement(part, "origin", xyz=written(xyz + side * half), rpy=written(rpy))
+        sizes = {key: value for key, value in capsule.attrib.items() if kind == "cylinder" or key == "radius"}
+        ET.SubElement(ET.SubElement(part, "geometry"), kind, sizes)
+        parts.append(part)
+    return parts
 
 
 def _joint(root: ET.Element, name: str, kind: str, parent: str, child: str, place: pin.SE3) -> ET.Element:
