@@ -249,6 +249,12 @@ def test_a_playback_takes_events_trails_and_a_second_run(run: tl.Trajectory, tmp
         run.playback(tmp_path / "x.html", trails=["elbow"])
 
 
+def test_a_page_and_a_film_are_saved_by_their_endings(tmp_path: Path) -> None:
+    run = tl.simulate(tl.load_scene("arm-swing"), 0.1)
+    assert run.save(tmp_path / "a.html").read_text() == run.playback(tmp_path / "b.html").read_text()
+    assert run.save(tmp_path / "a.gif").read_bytes().startswith(b"GIF89a")
+
+
 @pytest.mark.parametrize("name", ["x.gif", "x.mp4", "x.htm", "x"])
 def test_a_playback_is_a_page_and_nothing_else(run: tl.Trajectory, name: str, tmp_path: Path) -> None:
     with refusal(ShowError, code="unknown-format", match="is not a format we know"):

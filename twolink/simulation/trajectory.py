@@ -335,8 +335,16 @@ class Trajectory(BaseResult, Plotted):
         .rrd
             A recording of Rerun (pip install 'twolink[rerun]'): the robot's surfaces on its links, and curves. It is
             not read again.
+        .html; .mp4, .webm, .gif
+            What `playback` and `video` make.
         """
-        return save_run(self, path_to_write(path))
+        target = path_to_write(path)
+        match target.suffix.lower():
+            case ".html":
+                return self.playback(target)
+            case ".mp4" | ".webm" | ".gif":
+                return self.video(target)
+        return save_run(self, target)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], robot: Robot | None = None) -> Trajectory:
