@@ -244,6 +244,17 @@ async def test_where_several_take_the_memory_one_is_to_ask_again() -> None:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="/proc tells what the system still keeps")
+async def test_ended_workers_are_put_away_by_one_of_several_that_look() -> None:
+    """Another that looked, while one waited for their end, found them gone: ValueError, a 500 under attack."""
+    async with working(2) as workers:
+        await asyncio.gather(*(workers.run("grow", 60, megabytes=0, nap=0.5) for _ in range(2)))
+        assert len(workers._workers) == 2
+        for each in list(workers._workers):
+            each.ended_at = 1
+            each.kill()
+        assert await asyncio.gather(*(workers.run("chatter", 60) for _ in range(2))) == ["heard"] * 2
+
+
 async def test_an_idle_worker_that_is_ended_for_its_memory_leaves_nothing() -> None:
     """It stayed a zombie until the next task that looked at it."""
     async with working(megabytes=200) as workers:

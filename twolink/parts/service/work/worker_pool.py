@@ -148,8 +148,9 @@ class Workers:
 
         Where there is always a spare, what others have loaded and compiled is left to them.
         """
-        for each in [each for each in self._idle if each.ended_at]:
-            self._idle.remove(each)
+        ended = [each for each in self._idle if each.ended_at]
+        self._idle[:] = [each for each in self._idle if not each.ended_at]  # before others may look, at an await
+        for each in ended:
             await self._kill(each)
 
         def fits(each: Worker) -> bool:
