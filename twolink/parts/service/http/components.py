@@ -151,11 +151,11 @@ class Service:
         self._worker_memory = WorkerMemory(quotas.memory_mb)
         pool = functools.partial(Workers, memory=self._worker_memory, budget=self.budget, waiting=quotas.waiting,
                                  on_death=died)  # fmt: skip
-        # Clients wait for readers and queries: beside other programs, niceness 10 takes four times as long.
-        self._readers = pool(_READERS, niceness=0, writable=folders)
+        self._readers = pool(_READERS, writable=folders)
         threads = max(1, thread_count() // quotas.jobs)
         places = quotas.jobs + BESIDE + PAUSED
         self._job_workers = pool(places, threads=threads, writable=folders, spare=True)
+        # A client waits for a query: beside other programs, niceness 10 takes four times as long.
         self._computers = pool(_COMPUTERS, threads=thread_count(), niceness=0, writable=[self.store.folder / "robots"],
                                tasks="twolink.parts.service.work.robot_tasks")  # fmt: skip
         self.robots = RobotPool(quotas, self.store, self._computers, self.metrics)
