@@ -339,12 +339,9 @@ class Trajectory(BaseResult, Plotted):
             What `playback` and `video` make.
         """
         target = path_to_write(path)
-        match target.suffix.lower():
-            case ".html":
-                return self.playback(target)
-            case ".mp4" | ".webm" | ".gif":
-                return self.video(target)
-        return save_run(self, target)
+        if (kind := target.suffix.lower()) == ".html":
+            return self.playback(target)
+        return self.video(target) if kind in (".mp4", ".webm", ".gif") else save_run(self, target)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], robot: Robot | None = None) -> Trajectory:
