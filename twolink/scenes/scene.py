@@ -347,7 +347,7 @@ def _checked(effects: Sequence[Effect], robot: Robot) -> tuple[Effect, ...]:
     first: dict[int, int] = {}
     for i, effect in enumerate(given):
         if (before := first.setdefault(id(effect), i)) != i:
-            what = f"this {type(effect).__name__} is effects[{before}] already, and would act twice"
+            what = f"this {type(effect).__name__} is effects[{before}] already"
             raise SceneError(what, where=f"effects[{i}]", remedy="leave it out; to act twice, it is made twice",
                              argument="effects", effect=i)  # fmt: skip
     names = [effect.label for effect in effects if effect.is_sensor]  # type: ignore[attr-defined]
