@@ -21,7 +21,6 @@ from twolink.integrate.steps.step_map import StepMap
 from twolink.integrate.steps.stepping import integrate_many
 from twolink.simulation.cost import Cost
 from twolink.simulation.error_bar import (
-    DECIDES,
     DISTURBED,
     ENOUGH,
     PARTED,
@@ -35,6 +34,7 @@ from twolink.simulation.error_bar import (
 LEAST = 4.0  # times the smallest tolerance: what a finer solution can judge
 MORE = 2.0  # times the rounding of a solution: at least what counts as that of one of more steps
 FAIR = 0.5  # of the accuracy: less rounding leaves room for the truncation of the next solution
+NOISE = 0.5  # of rounding: less truncation may be by rounding, too, so that no smaller tolerance helps
 AIM = 0.3  # of the accuracy: where the next bar shall be, by the one that was too large
 
 
@@ -89,19 +89,23 @@ class _Worlds:
         return _Tried(worlds, tolerance / perturbation.finer, x, steps, rejected, unknown, none)
 
     def first_bars(self, one: _Tried) -> _Tried:
-        """As `bars`, of first solutions: by finer ones that show rounding, too, where that is enough."""
+        """As `bars`, of first solutions: by finer ones that show rounding, too, of a tolerance for which they can.
+
+        These are disturbed by more than rounding, so that none is to be returned: their tolerance is inf.
+        """
         method, tolerance = self.step_map.method, float(one.tolerance[0])
         disturbed, wide = disturbed_finer(finer_solution(method, tolerance), tolerance)
         if not wide:
             return self.bars(one, 0)
         finer = self.solved(one.worlds, one.tolerance, disturbed)
         far = distances(self.step_map.equations.space, one.x, finer.x)
-        one.error = self._bar(one, truncation_factor(method, one.steps) * far, DISTURBED[1] / wide * far)
-        late = np.flatnonzero(one.error > self.accuracy)  # not those that are lost
-        if late.size:
-            few = one.of(late)
-            finer.take(late, self.bars(few, 0))
-            one.take(late, few)
+        truncation = truncation_factor(method, one.steps) * far
+        one.error = self._bar(one, truncation, DISTURBED[1] / wide * far)
+        finer.tolerance = np.full(len(finer.worlds), np.inf)
+        parted = np.flatnonzero(one.error > PARTED)  # by truncation or by rounding
+        few = one.of(parted)
+        self._look_at_rounding(few, truncation.max(axis=0)[parted])
+        one.take(parted, few)
         return finer
 
     def bars(self, one: _Tried, before: int) -> _Tried:
@@ -206,10 +210,10 @@ def solve_worlds(
         one.error, best.error[one.worlds] = given.agreeing(one, best.of(one.worlds))
         better = ~(one.error >= best.error[one.worlds])  # than none, too
         best.take(one.worlds[better], one.of(better))
-        rounding = one.rounding.max(axis=0)
+        rounding = np.where(np.isfinite(one.rounding), one.rounding, 0.0).max(axis=0)  # 0: not known
         truncation, room = np.fmax(one.error - rounding, 1e-300), accuracy - rounding
         # The rounding of solutions that are far off may be another one, unless disturbed ones have parted from them.
-        hopeless = (room <= 0.0) & ((truncation < DECIDES * rounding) | (rounding > PARTED))
+        hopeless = (room <= 0.0) & ((truncation < NOISE * rounding) | (rounding > PARTED))
         wanted = one.tolerance * np.fmin(0.5, AIM * np.where(room > 0.0, room, accuracy) / truncation)
         wanted = np.fmax(wanted, least)
         again = (one.error > accuracy) & ~hopeless & (one.tolerance > 1.01 * least)  # not the lost ones
