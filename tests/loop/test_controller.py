@@ -200,6 +200,16 @@ def test_a_controller_that_fails_is_named_with_its_time(update: object, code: st
     assert ("Traceback" in error.data.get("traceback", "")) == (code == "controller-failed")
 
 
+@pytest.mark.parametrize(("tolerance", "period"), [(1e-6, 0.1), (1e-5, 0.001)])
+def test_a_controller_that_fails_at_once_is_named(tolerance: float, period: float) -> None:
+    """Before a step has been tried."""
+    answers = itertools.count(1.0)
+    one = E.Controller(lambda *_: ([next(answers)], None), period=period)
+    with pytest.raises(ControllerError, match="gives another answer") as refused:
+        tl.simulate(tl.Scene(slider(), effects=[one]), 1.0, method="dop853", tolerance=tolerance)
+    assert refused.value.run.t.tolist() == [0.0]
+
+
 @pytest.mark.parametrize(
     ("fields", "where"),
     [

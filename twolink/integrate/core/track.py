@@ -60,7 +60,12 @@ class Track:
         return other
 
     def add(self, t: Array, x: Array) -> None:
-        """Add the ends of attempted steps: times (k,) and states (k, size), which repeat the last where one failed."""
+        """Add the ends of attempted steps: times (k,) and states (k, size), which repeat the last where one failed.
+
+        There may be none, where a controller fails at once.
+        """
+        if not t.size:
+            return
         self._t.append(t.copy())
         self._x.append(x.copy())
         self._numbers += x.size
