@@ -146,6 +146,21 @@ def test_steps_of_balls_on_rough_ground_are_those_of_the_law(seed: int, least: f
         require_same(one, other)
 
 
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 8))])
+@pytest.mark.parametrize("kind", ["capsules", "boxes", "meshes", "meshes of many edges", "what has no formula"])
+def test_steps_of_shapes_on_rough_ground_are_those_of_the_law(kind: str, seed: int) -> None:
+    """Corners on triangles, edges on ridges, faces on peaks, sides, rims and ends; cells of their size and smaller."""
+    scene, random = thrown(kind, seed, 0.3 * (seed % 2)), np.random.default_rng(seed)
+    cell, (contact,) = random.uniform(0.05, 0.3, 2), (one for one in scene.effects if isinstance(one, E.Contact))
+    heights = random.choice([0.02, 0.2]) * random.uniform(-1.0, 0.0, (15, 13))
+    ground = E.HeightField(heights, tuple(cell.tolist()), (*(-6.3 * cell).tolist(), 0.0))
+    on_ground = E.Contact(tuple((name, ground) for name in contact.shapes), 0.3, static=0.5,
+                          restitution=contact.restitution, threshold=0.3, shapes=contact.shapes)  # fmt: skip
+    scene = scene.with_effects([E.Gravity(), on_ground])
+    assert stepper_of(scene).price == 1.0
+    require_same_steps(scene, 0.003, 120)
+
+
 def test_steps_of_many_free_bodies_with_effects_are_those_of_the_law() -> None:
     names = tuple(f"b{k}" for k in range(22))
     robot, random = free_bodies(*names), np.random.default_rng(1)

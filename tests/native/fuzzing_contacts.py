@@ -92,7 +92,7 @@ class ContactFuzzer(Calls):
         for array in (q, v, change, plan.t, plan.h, plan.numbers):
             if random.random() < 0.3 and array.size:
                 array.flat[random.integers(array.size)] = random.choice([*NUMBERS, 1e5])
-        keys = np.sort(random.choice([*LONG[:8], 2**32, 3 * 2**32, 2**33 + 1], size=known, replace=False))
+        keys = np.sort(random.choice([*LONG[:8], 2**38, 3 * 2**38, 2**39 + 1], size=known, replace=False))
         forces, marks = random.normal(size=(known, 3)), random.integers(0, 2, (2, known))
         if random.random() < 0.2:
             plan.piece[random.integers(count)] = random.choice(LONG)

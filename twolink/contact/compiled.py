@@ -1,6 +1,6 @@
 """Scenes whose steps the native library takes, and these as arrays for it (`native/contact/scene.c`).
 
-It takes those of all joints, with stops, dry friction and loops. It finds the points of shapes on planes, of balls on
+It takes those of all joints, with stops, dry friction and loops. It finds the points of shapes on planes and on
 height fields, of shapes that touch at one point that has a formula, and of boxes and meshes with few edges; those of
 others it asks the detector for. NumPy (`stepping`), whose law this is, takes all other scenes, single
 steps that the library does not find, and all steps where there is no library.
@@ -20,17 +20,18 @@ from twolink.contact.joints import JointPoints, Laws, LoopRows
 from twolink.geometry.detection import ByFormula, Detector, Hulls
 from twolink.geometry.fields import FieldSurface
 from twolink.geometry.gaps import BoxGap, CylinderGap, RimGap
-from twolink.geometry.hulls import FEW, Hull
+from twolink.geometry.hulls import FEW, Hull, hull_of
 from twolink.geometry.on_world import Group, OnFields, OnPlanes, RimsOnPlanes, bounding_radius
 from twolink.geometry.pairs import gaps_of, half_of, middle_of
 from twolink.geometry.points import Links, Places, Points, joined
 from twolink.integrate.motion.state import Array
 from twolink.native.contact import ContactScene, Parts, runs_alone
 from twolink.native.library import library
-from twolink.robots.collisions import Capsule, Solid, Sphere
+from twolink.robots.collisions import Box, Capsule, Convex, Cylinder, Solid, Sphere
 
 KINDS = ("free-flyer", "spherical", "planar", "revolute", "continuous", "prismatic")
-GROUPS = (OnPlanes, RimsOnPlanes, ByFormula)  # and those of balls on fields, and of hulls with few edges
+GROUPS = (OnPlanes, RimsOnPlanes, OnFields, ByFormula)  # and those of hulls with few edges
+ROUND, HULL = (Sphere, Capsule, Cylinder), 3  # kinds of bodies over height fields
 CORNERS = 128  # of a face, half of MOST_CORNERS in `native/contact/hulls.c`
 ENDLESS = 1e300  # m: the thickness of what has none
 
@@ -62,8 +63,6 @@ def is_covered(bodies: Multibody, loops: LoopRows | None) -> bool:
 
 def is_found_natively(group: Group) -> bool:
     """True if the native library finds the points of a group."""
-    if type(group) is OnFields:
-        return all(body.is_ball for body in group.bodies)
     if type(group) is Hulls:
         few = all(_edges(group, a) * _edges(group, b) <= FEW for a, b in group.ends.tolist())
         return few and all(len(face) <= CORNERS for i in np.unique(group.ends) for face in group.hull(int(i)).faces)
@@ -100,6 +99,7 @@ class _Scene:
         self.model = bodies.model
         self._places: dict[str, tuple[int, Array, Array]] = {}
         self._points: dict[Any, list[float]] = {}
+        self._solids: dict[int, tuple[int, Solid]] = {}  # boxes and meshes, with their numbers
 
     def arrays(self) -> tuple[list[int], Array, Array]:
         """The sizes, the whole numbers and the numbers."""
@@ -107,7 +107,10 @@ class _Scene:
         fields, on_fields = self._on_fields()
         rounds = [self._rounds(cast(ByFormula, group)) for group in self._groups(ByFormula)]
         rows = [*planes, *rims, *fields, *on_fields, *rounds]
-        hulls, solids, pairs = self._hulls()
+        pairs = [[int(pair), *map(self._solid, (group.solids[i] for i in ends))]
+                 for group in cast(Iterable[Hulls], self._groups(Hulls))
+                 for pair, ends in zip(group.pair, group.ends.tolist(), strict=True)]  # fmt: skip
+        hulls, solids = self._hulls()
         laws, (stops, ways) = self.laws, self._joints()
         model, viscosity = self.model, self.bodies.viscosity
         sizes = [model.njoints, model.nq, model.nv, self._numbers(), len(self.detector.names), sum(map(len, balls)),
@@ -188,14 +191,27 @@ class _Scene:
         return [pair, joint, feature], [*gap.normal, gap.height, *point, *axis, gap.radius]
 
     def _on_fields(self) -> tuple[list[tuple[Any, Any]], list[tuple[Any, Any]]]:
-        """Height fields, and balls over them."""
+        """Height fields, and bodies over them."""
         groups = [cast(OnFields, group) for group in self._groups(OnFields)]
         surfaces = list(dict.fromkeys(surface for group in groups for surface in group.surfaces))
-        balls = [([pair, self._placed(link)[0], surfaces.index(surface)], [*self._at(link, origin), body.radius])
-                 for group in groups for pair, link, body, surface, origin in zip(
-                     group.pair.tolist(), group.links, group.bodies, group.surfaces, group.origins.T, strict=True)
-                 ]  # fmt: skip
-        return [_field(surface) for surface in surfaces], balls
+        bodies = [self._on_field(solid, pair, surfaces.index(surface)) for group in groups
+                  for solid, pair, surface in zip(group.solids, group.pair.tolist(), group.surfaces, strict=True)
+                  ]  # fmt: skip
+        return [_field(surface) for surface in surfaces], bodies
+
+    def _on_field(self, solid: Solid, pair: int, field: int) -> tuple[list[int], list[float]]:
+        """A body over a height field: a solid, or the ends of an axis with a radius."""
+        shape, joint = solid.shape, self._placed(solid.link)[0]
+        if isinstance(shape, (Box, Convex)):
+            return [HULL, pair, joint, field, self._solid(solid)], [0.0] * 7
+        half = 0.5 * float(getattr(shape, "length", 0.0)) * shape.placement.rotation[:, 2]
+        ends = [x for side in (-1.0, 1.0) for x in self._at(solid.link, shape.placement.translation + side * half)]
+        kind = ROUND.index(type(shape)) if half.any() else 0
+        return [kind, pair, joint, field], [*ends, shape.radius]
+
+    def _solid(self, solid: Solid) -> int:
+        """The number of a box or mesh."""
+        return self._solids.setdefault(id(solid), (len(self._solids), solid))[0]
 
     def _rounds(self, group: ByFormula) -> tuple[Array, Array]:
         """Of each pair its row of whole numbers, and of numbers."""
@@ -230,23 +246,16 @@ class _Scene:
         first, second = self._placed(ball.frame)[0], self._placed(other)[0]
         return [kind, pair, first, second], [*places, ball.radius, 0.0, *none, *none, *axes, *edges, bound]
 
-    def _hulls(self) -> tuple[list[Hull], list[tuple[Any, Any]], list[list[int]]]:
-        """Hulls, solids that have their shapes, and pairs of solids."""
-        hulls, solids, pairs = dict[int, Hull](), list[tuple[Any, Any]](), list[list[int]]()
-        for one in self._groups(Hulls):
-            group = cast(Hulls, one)
-            first, places = len(solids), list(hulls)
-            for i, solid in enumerate(group.solids):
-                hull = group.hull(i)
-                hulls.setdefault(id(hull), hull)
-                places = list(hulls)
-                joint, rotation, origin = self._placed(solid.link)
-                at = rotation @ group.origins[:, i] + origin
-                solids.append(([joint, places.index(id(hull))],
-                               _joined([rotation @ group.rotations[i], at, bounding_radius(solid.shape)])))  # fmt: skip
-            pairs += [[int(pair), first + a, first + b]
-                      for pair, (a, b) in zip(group.pair.tolist(), group.ends.tolist(), strict=True)]  # fmt: skip
-        return list(hulls.values()), solids, pairs
+    def _hulls(self) -> tuple[list[Hull], list[tuple[Any, Any]]]:
+        """Hulls, and solids that have their shapes."""
+        hulls, solids = dict[int, tuple[int, Hull]](), list[tuple[Any, Any]]()
+        for _, solid in self._solids.values():
+            hull, place = hull_of(cast(Box | Convex, solid.shape)), solid.shape.placement
+            number, _ = hulls.setdefault(id(hull), (len(hulls), hull))
+            joint, rotation, origin = self._placed(solid.link)
+            solids.append(([joint, number], _joined([rotation @ place.rotation, rotation @ place.translation + origin,
+                                                     bounding_radius(solid.shape)])))  # fmt: skip
+        return [hull for _, hull in hulls.values()], solids
 
     def _joints(self) -> tuple[list[list[int]], list[list[float]]]:
         """Stops and dry friction of joints."""
@@ -256,7 +265,7 @@ class _Scene:
 
 
 def _field(one: FieldSurface) -> tuple[Any, Any]:
-    return [*one.heights.shape], [*one.cell, *one.origin, one.top, *one.heights.ravel()]
+    return [*one.heights.shape, *one.marks.ravel()], [*one.cell, *one.origin, one.top, *one.heights.ravel()]
 
 
 def _rims_of(group: RimsOnPlanes) -> Iterable[tuple[int, int, RimGap]]:

@@ -11,6 +11,7 @@ Source: Ericson, Real-Time Collision Detection, 2005, section 5.1.5.
 from __future__ import annotations
 
 import functools
+from typing import NamedTuple, cast
 
 import msgspec
 import numpy as np
@@ -18,6 +19,7 @@ import pinocchio as pin
 
 from twolink.algorithms.namespaces import Array
 from twolink.errors import SceneError
+from twolink.geometry.hulls import Name
 from twolink.robots.collisions import Length, Vector
 from twolink.robots.meshes import triangle_mesh
 
@@ -73,11 +75,22 @@ class HeightField(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_f
         return pin.GeometryObject("field", 0, 0, pin.SE3.Identity(), shape, "", np.ones(3), True, colour)
 
 
+class Spots(NamedTuple):
+    """Ridges (n, 2, 3) and peaks (m, 3) of a surface, and their numbers."""
+
+    ridges: Array
+    ridge_numbers: Array
+    peaks: Array
+    peak_numbers: Array
+
+
 class FieldSurface:
     """The triangles of a height field in the world. heights (nx, ny): above the origin; cell, origin: of the grid.
 
     corners (nx, ny, 3). triangles (nx - 1, ny - 1, 2, 3, 3), normals (nx - 1, ny - 1, 2, 3). ridges (n, 2, 3): the ends
-    of edges beside which both triangles lie lower. bounds (2, n, 2): of each the least and the largest x and y.
+    of edges beside which both triangles lie lower; ends (n, 2): their corners; bounds (2, n, 2): of each the least and
+    the largest x and y. Peaks are the corners at which ridges end. The number of a ridge is 4 times its first corner's
+    and 0 of a diagonal, 1 along x, 2 along y; that of a peak 4 times the corner's and 3. planes: above all of these.
     """
 
     def __init__(self, field: HeightField) -> None:
@@ -94,14 +107,31 @@ class FieldSurface:
         self._along = np.roll(self.triangles, -1, axis=-2) - self.triangles
         self._per_along = self._along / np.square(self._along).sum(axis=-1, keepdims=True)
         self._inward = np.cross(n[..., None, :], self._along)
-        kinds = ((low, far, n[:, :, 1], n[:, :, 0]), (x[:-1, 1:-1], x[1:, 1:-1], n[:, 1:, 0], n[:, :-1, 1]),
-                 (x[1:-1, :-1], x[1:-1, 1:], n[:-1, :, 0], n[1:, :, 1]))  # fmt: skip
-        start, end, on_left, on_right = (np.concatenate([kind[part].reshape(-1, 3) for kind in kinds])
-                                         for part in range(4))  # fmt: skip
-        way = (end - start) / np.linalg.norm(end - start, axis=1)[:, None]
-        high = np.einsum("ni,ni->n", np.cross(on_left, on_right), way) > LEVEL
-        self.ridges = np.stack([start, end], axis=1)[high]
+        at = np.arange(z.size).reshape(z.shape)
+        kinds = ((at[:-1, :-1], at[1:, 1:], n[:, :, 1], n[:, :, 0]),
+                 (at[:-1, 1:-1], at[1:, 1:-1], n[:, 1:, 0], n[:, :-1, 1]),
+                 (at[1:-1, :-1], at[1:-1, 1:], n[:-1, :, 0], n[1:, :, 1]))  # fmt: skip
+        ends = np.concatenate([np.stack([start, end], axis=-1).reshape(-1, 2) for start, end, *_ in kinds])
+        left, right = (np.concatenate([kind[side].reshape(-1, 3) for kind in kinds]) for side in (2, 3))
+        numbers = np.concatenate([4 * kind[0].ravel() + k for k, kind in enumerate(kinds)])
+        x = x.reshape(-1, 3)
+        ways = x[ends[:, 1]] - x[ends[:, 0]]
+        ways /= np.linalg.norm(ways, axis=1)[:, None]
+        high = np.einsum("ni,ni->n", np.cross(left, right), ways) > LEVEL
+        self.ends, self._numbers, self.ridges, self.planes = ends[high], numbers[high], x[ends[high]], 4 * z.size
         self.bounds = np.array([self.ridges.min(axis=1)[:, :2], self.ridges.max(axis=1)[:, :2]])
+
+    @property
+    def marks(self) -> Array:
+        """Of each corner (nx, ny) the sum of 1, 2 and 4 where ridges begin, and 8 for a peak, as their numbers say."""
+        found = np.zeros(self.planes, dtype=int)
+        found[np.concatenate([self._numbers, 4 * self.ends.ravel() + 3])] = 1
+        return np.asarray(found.reshape(*self.heights.shape, 4) @ (1, 2, 4, 8))
+
+    def feature(self, name: Name) -> int:
+        """The number of a point by its name: the number of the body's part, and of the ridge, peak or plane."""
+        part, spot = name
+        return cast(int, part) * (self.planes + self.planes // 2) + cast(int, spot)
 
     def cells(self, low: Array, high: Array) -> tuple[slice, slice]:
         """The cells over a rectangle."""
@@ -110,10 +140,11 @@ class FieldSurface:
         (i, k), (m, n) = np.maximum(first, 0).tolist(), np.minimum(last, self.size).tolist()
         return slice(i, max(i, m)), slice(k, max(k, n))
 
-    def ridges_in(self, low: Array, high: Array) -> Array:
-        """The ridges (n, 2, 3) whose rectangles reach into one."""
+    def spots_in(self, low: Array, high: Array) -> Spots:
+        """The ridges whose rectangles reach into one, and the peaks at their ends."""
         beside = (self.bounds[0] <= high[:2]).all(axis=1) & (self.bounds[1] >= low[:2]).all(axis=1)
-        return np.asarray(self.ridges[beside])
+        peaks = np.unique(self.ends[beside])
+        return Spots(self.ridges[beside], self._numbers[beside], self.corners.reshape(-1, 3)[peaks], 4 * peaks + 3)
 
     def below(self, x: Array) -> tuple[Array, Array] | None:
         """A corner and the normal of the triangle below a point; None beyond the grid."""

@@ -11,14 +11,13 @@ from twolink.algorithms.motion import GROUND
 from twolink.algorithms.namespaces import Array
 from twolink.algorithms.spatial import unit
 from twolink.geometry.fields import HeightField, surface_of
-from twolink.geometry.gaps import Ball, PlaneGap, RimGap, down_rim
-from twolink.geometry.hulls import Name, TouchPoint
+from twolink.geometry.gaps import Ball, PlaneGap, RimGap
+from twolink.geometry.hulls import TouchPoint
 from twolink.geometry.on_fields import FieldBody
 from twolink.geometry.pairs import Pair, Plane, balls_of, gaps_of
-from twolink.geometry.points import Links, Points, joined, key_of, stacked
+from twolink.geometry.points import Links, Points, joined, key_of, rim_ways, stacked
 from twolink.robots.collisions import AnyShape, Box, Convex, Cylinder
 
-FLAT = 1e-9  # of a rim: below it the disc lies flat on the plane
 FEW = 64  # points that are all looked at
 
 
@@ -100,11 +99,8 @@ class RimsOnPlanes(Group):
         """The lowest point of each rim, the highest one, and those between."""
         gap, found = self.every, []
         u = links.direction(gap.link, gap.axis)
-        down = np.array(down_rim(gap.normal, u))
-        any_radius = np.cross(u, np.where(np.abs(u[:1]) < 0.9, [[1.0], [0.0], [0.0]], [[0.0], [1.0], [0.0]]), axis=0)
-        down = np.where(np.linalg.norm(down, axis=0) > FLAT, down, any_radius)
-        down /= np.linalg.norm(down, axis=0)
-        side, centre = np.cross(u, down, axis=0), links.position(gap.link, gap.point)
+        down, side = rim_ways(gap.normal, u)
+        centre = links.position(gap.link, gap.point)
         for feature, way in enumerate((down, side, -side, -down)):
             x = centre + gap.radius * way
             height = np.einsum("in,in->n", gap.normal, x) - gap.height
@@ -119,14 +115,12 @@ class OnFields(Group):
     """Bodies over height fields of the world."""
 
     def __init__(self, pair: Array, pairs: Sequence[Pair], number: dict[str, int]) -> None:
-        self.pair, self.links = pair, [one.first.link for one in pairs]
-        self.link = np.array([number[link] for link in self.links])
-        self.bodies = [FieldBody(one.first.shape) for one in pairs]
+        self.pair, self.link = pair, np.array([number[one.first.link] for one in pairs])
+        self.solids, self.bodies = [one.first for one in pairs], [FieldBody(one.first.shape) for one in pairs]
         self.surfaces = [surface_of(cast(HeightField, one.second)) for one in pairs]
         places = [one.first.shape.placement for one in pairs]
         self.rotations = np.array([place.rotation for place in places])
         self.origins = np.array([place.translation for place in places]).T
-        self.names: list[dict[Name, int]] = [{} for _ in pairs]
 
     def points(self, links: Links, reach: float) -> Points:
         """The points of one body after the other."""
@@ -134,7 +128,7 @@ class OnFields(Group):
         found = [(k, touch) for k, (body, surface) in enumerate(zip(self.bodies, self.surfaces, strict=True))
                  for touch in body.touches(surface, rotations[k], origins[k], reach)]  # fmt: skip
         rows = np.array([k for k, _ in found], dtype=int)
-        features = [self.names[k].setdefault(one.name, len(self.names[k])) for k, one in found]
+        features = [self.surfaces[k].feature(one.name) for k, one in found]
         return of_touches(self.pair[rows], found, features, links.joint[self.link[rows]], np.zeros(len(rows), int))
 
 

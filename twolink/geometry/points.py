@@ -18,9 +18,11 @@ import numpy as np
 from twolink.algorithms.motion import GROUND
 from twolink.algorithms.namespaces import Array, Numbers
 from twolink.algorithms.spatial import ZERO
-from twolink.geometry.gaps import Gap, Nearest
+from twolink.geometry.gaps import Gap, Nearest, down_rim
 
 CLOSED = 1e-10  # m: what counts as no gap
+FEATURES = 38  # bits of a key below its pair
+FLAT = 1e-9  # of a rim: below it the disc lies flat on the plane
 TOUCHING = 1e-6  # m: points of two bodies that are so near move as one
 
 
@@ -103,12 +105,12 @@ def joined(found: Iterable[Points]) -> Points:
 
 def key_of(pair: Array, feature: Array | int) -> Array:
     """A number of each point from those of its pair and of the feature of the bodies that it is."""
-    return np.asarray(pair * (1 << 32) + feature, dtype=np.int64)
+    return np.asarray(pair * (1 << FEATURES) + feature, dtype=np.int64)
 
 
 def pair_of(key: Array) -> Array:
     """The numbers of the pairs of points."""
-    return key >> 32
+    return key >> FEATURES
 
 
 def points_of(
@@ -121,6 +123,15 @@ def points_of(
                      for end in (near.first, near.second))  # fmt: skip
     found = Points(pair, key_of(pair, feature), first[rows], second[rows], gap, normal, position)
     return found.taken(np.flatnonzero(gap < reach))
+
+
+def rim_ways(n: Any, u: Any) -> tuple[Array, Array]:
+    """Directions (3, n) along discs with axes u: down planes with normals n, and to the side. Any of what lies flat."""
+    down = np.array(down_rim(n, u))
+    any_way = np.cross(u, np.where(np.abs(u[:1]) < 0.9, [[1.0], [0.0], [0.0]], [[0.0], [1.0], [0.0]]), axis=0)
+    down = np.where(np.linalg.norm(down, axis=0) > FLAT, down, any_way)
+    down /= np.linalg.norm(down, axis=0)
+    return down, np.cross(u, down, axis=0)
 
 
 def stacked(gaps: Sequence[Gap], number: dict[str, int]) -> Any:

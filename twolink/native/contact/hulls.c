@@ -30,11 +30,17 @@ typedef struct {
   int second, face, edge[2];
 } separation;
 
+static void find_pose(const tl_scene *s, tl_solid *solid) {
+  tl_product(s->turned + 9 * solid->body, solid->rotation, solid->turned);
+  tl_at(s->turned + 9 * solid->body, s->origin + 3 * solid->body, solid->origin, solid->middle);
+}
+
 /* Where a hull is: its corners, normals with heights, and edges, along the world's axes. */
-static void place(tl_scene *s, tl_solid *solid) {
+void tl_place_solid(const tl_scene *s, tl_solid *solid) {
   const tl_hull *hull = s->hull + solid->hull;
   if (solid->placed == s->placed) return;
   solid->placed = s->placed;
+  find_pose(s, solid);
   const double *r = solid->turned;
   for (int i = 0; i < hull->vertices; i++) tl_at(r, solid->middle, hull->vertex + 3 * i, solid->vertex + 3 * i);
   for (int i = 0; i < hull->edges; i++) tl_times(r, hull->way + 3 * i, solid->way + 3 * i);
@@ -118,7 +124,7 @@ static int edge_between(const both_hulls *h, int second, int i, int k) {
 static void add(const both_hulls *h, int kind, const int *edges, double gap, const double *normal, const double *middle) {
   tl_point point = {.pair = h->pair, .first = h->solid[0]->body, .second = h->solid[1]->body, .dof = -1, .gap = gap};
   const int64_t all = h->edges;
-  point.key = ((int64_t)h->pair << 32) + (kind * all + edges[0]) * all + edges[1];
+  point.key = tl_key(h->pair, (kind * all + edges[0]) * all + edges[1]);
   tl_copy3(normal, point.normal);
   tl_copy3(middle, point.position);
   tl_add_point(h->s, &point);
@@ -250,8 +256,8 @@ static int near(tl_scene *s, const tl_hull_pair *pair, double reach, both_hulls 
   tl_minus(a->middle, b->middle, apart);
   const double limit = a->bound + b->bound + reach;
   if (!(tl_dot(apart, apart) < limit * limit)) return 0;
-  place(s, a);
-  place(s, b);
+  tl_place_solid(s, a);
+  tl_place_solid(s, b);
   const tl_hull *first = s->hull + a->hull, *second = s->hull + b->hull;
   *out = (both_hulls){s, {a, b}, {first, second}, pair->pair, first->edges + second->edges};
   return 1;
@@ -259,12 +265,8 @@ static int near(tl_scene *s, const tl_hull_pair *pair, double reach, both_hulls 
 
 /* The poses of all hulls. */
 static void place_solids(tl_scene *s) {
-  for (tl_solid *one = s->solid; one < s->solid + s->solids; one++) {
-    const double *r = s->turned + 9 * one->body;
-    if (one->placed == s->placed) continue;
-    tl_product(r, one->rotation, one->turned);
-    tl_at(r, s->origin + 3 * one->body, one->origin, one->middle);
-  }
+  for (tl_solid *one = s->solid; one < s->solid + s->solids; one++)
+    if (one->placed != s->placed) find_pose(s, one);
 }
 
 void tl_detect_hulls(tl_scene *s, double reach) {

@@ -23,7 +23,7 @@ void tl_add_point(tl_scene *s, const tl_point *point) {
 
 /* A point of a body at x over a plane. */
 static void add_on_plane(tl_scene *s, int pair, int feature, int body, double gap, const double *normal, const double *x) {
-  tl_point point = {.key = ((int64_t)pair << 32) + feature, .pair = pair, .first = body, .dof = -1, .gap = gap};
+  tl_point point = {.key = tl_key(pair, feature), .pair = pair, .first = body, .dof = -1, .gap = gap};
   tl_copy3(normal, point.normal);
   tl_copy3(x, point.position);
   tl_add_scaled(-0.5 * gap, normal, point.position);
@@ -52,9 +52,11 @@ static void balls(tl_scene *s, double reach) {
   }
 }
 
-/* The directions along a disc across its axis u: down a plane with the normal n, and to the side. Any where it lies flat. */
-static void ways_of_rim(const double *n, const double *u, double *down, double *side) {
+/* Of the directions along a disc across its axis u: down a plane with the normal n, to the side, and back. Any where it lies
+flat. */
+void tl_rim_way(const double *n, const double *u, int way, double *out) {
   const double along = tl_dot(n, u);
+  double down[3], side[3];
   for (int i = 0; i < 3; i++) down[i] = along * u[i] - n[i];
   if (!(tl_length(down) > FLAT)) {
     const double axis[3] = {fabs(u[0]) < 0.9, !(fabs(u[0]) < 0.9), 0};
@@ -63,6 +65,7 @@ static void ways_of_rim(const double *n, const double *u, double *down, double *
   const double length = tl_length(down);
   for (int i = 0; i < 3; i++) down[i] /= length;
   tl_cross(u, down, side);
+  for (int i = 0; i < 3; i++) out[i] = (way == 0 || way == 1 ? 1 : -1) * (way == 0 || way == 3 ? down : side)[i];
 }
 
 /* Rims over planes: the lowest point of each, the highest one, and those between; those of a pair follow each other. */
@@ -72,11 +75,11 @@ static void rims(tl_scene *s, double reach) {
     for (int way = 0; way < 4; way++)
       for (const tl_rim *rim = s->rim + k; rim < s->rim + end; rim++) {
         const double *r = s->turned + 9 * rim->body;
-        double u[3], down[3], side[3], x[3];
+        double u[3], across[3], x[3];
         tl_times(r, rim->axis, u);
-        ways_of_rim(rim->normal, u, down, side);
+        tl_rim_way(rim->normal, u, way, across);
         tl_at(r, s->origin + 3 * rim->body, rim->point, x);
-        tl_add_scaled(way == 0 || way == 1 ? rim->radius : -rim->radius, way == 0 || way == 3 ? down : side, x);
+        tl_add_scaled(rim->radius, across, x);
         const double gap = tl_dot(rim->normal, x) - rim->height;
         if (gap < reach) add_on_plane(s, rim->pair, 4 * rim->feature + way, rim->body, gap, rim->normal, x);
       }
@@ -137,7 +140,7 @@ void tl_joint_gaps(tl_scene *s, const double *q) {
   for (int k = 0; k < s->joint_points; k++) {
     const tl_joint_point *joint = s->joint_point + k;
     const int pair = s->pairs + k;
-    tl_point point = {.key = (int64_t)pair << 32, .pair = pair, .dof = joint->dof, .sign = joint->side, .normal = {0, 0, 1}};
+    tl_point point = {.key = tl_key(pair, 0), .pair = pair, .dof = joint->dof, .sign = joint->side, .normal = {0, 0, 1}};
     if (joint->is_stop) point.gap = joint->side * (q[joint->entry] - joint->position);
     tl_add_point(s, &point);
   }

@@ -73,7 +73,7 @@ static void detect(tl_scene *s, const tl_round *one, const double *a, const doub
     s->buried = 1;
     return;
   }
-  tl_point point = {.key = (int64_t)one->pair << 32, .pair = one->pair, .first = one->first, .second = one->second, .dof = -1,
+  tl_point point = {.key = tl_key(one->pair, 0), .pair = one->pair, .first = one->first, .second = one->second, .dof = -1,
                     .gap = gap};
   for (int i = 0; i < 3; i++) {
     point.normal[i] = line[i] / distance;

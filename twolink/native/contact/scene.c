@@ -153,12 +153,18 @@ static void read_fields(tl_scene *s, reader *r) {
     one->top = next_number(r);
     if (!(one->cell[0] > 0 && one->cell[1] > 0) || (int64_t)one->count[0] * one->count[1] > MOST) r->failed = 1;
     one->height = own_numbers(s, r, one->count[0] * one->count[1]);
+    one->marks = own_indices(s, r, one->count[0] * one->count[1], 0, 1 << 4);
+    for (int i = 0; i < one->count[0] && !r->failed; i++) /* ridges end on the grid */
+      for (int m = 0; m < one->count[1]; m++)
+        if (one->marks[i * one->count[1] + m] & ((i + 1 < one->count[0] ? 0 : 1 | 2) | (m + 1 < one->count[1] ? 0 : 1 | 4)))
+          r->failed = 1;
   }
   for (int k = 0; k < s->on_fields && !r->failed; k++) {
     tl_on_field *one = s->on_field + k;
-    one->pair = next_index(r, 0, s->pairs), one->body = next_index(r, 0, s->bodies);
-    one->field = next_index(r, 0, s->fields);
-    next_numbers(r, one->point, 3);
+    one->kind = next_index(r, 0, TL_FIELD_SHAPES), one->pair = next_index(r, 0, s->pairs);
+    one->body = next_index(r, 0, s->bodies), one->field = next_index(r, 0, s->fields);
+    if (one->kind == TL_HULL) one->solid = next_index(r, 0, s->solids);
+    next_numbers(r, one->end[0], 6);
     one->radius = next_number(r);
   }
 }
@@ -286,7 +292,7 @@ static void own_parts(tl_scene *s, reader *r) {
 }
 
 /* A scene from whole numbers and numbers in the order of this file. sizes: bodies with the ground, nq, nv, numbers, pairs,
-balls, planes with bodies over them, rims, fields, balls over fields, rounds, hulls, solids, pairs of hulls, points of joints,
+balls, planes with bodies over them, rims, fields, bodies over fields, rounds, hulls, solids, pairs of hulls, points of joints,
 rows of loops. program: of (t, q, v, numbers) for tau - h, or NULL; loops: of q for gaps and rows of loops, or NULL; find: finds other points, or NULL. They must
 outlive the scene. misses: as of it. Returns a code; the scene is written to `made`. */
 TL_API int tl_contact_new(const int32_t *sizes, int64_t wholes, const int32_t *whole, int64_t numbers, const double *number,

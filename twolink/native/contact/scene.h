@@ -39,16 +39,19 @@ typedef struct {
   double normal[3], height, point[3], axis[3], radius;
 } tl_rim;
 
-/* Heights over a grid (count), row by row along y; top: the highest. See geometry/fields.py. */
+/* Heights over a grid (count), row by row along y; top: the highest; marks: of ridges and peaks. See geometry/fields.py. */
 typedef struct {
   int count[2];
   double cell[2], origin[3], top, *height;
+  int32_t *marks;
 } tl_field;
 
-/* A ball of a body over a field. */
+enum tl_field_shape { TL_BALL, TL_CAPSULE, TL_CYLINDER, TL_HULL, TL_FIELD_SHAPES };
+
+/* A body over a field: a solid, or the ends of an axis with a radius. */
 typedef struct {
-  int pair, body, field;
-  double point[3], radius;
+  int kind, pair, body, field, solid;
+  double end[2][3], radius;
 } tl_on_field;
 
 enum tl_round_kind { TL_SEGMENTS, TL_BALL_BOX, TL_BALL_CYLINDER, TL_ROUND_KINDS };
@@ -206,10 +209,15 @@ void tl_loops_at(tl_scene *s, const double *middle, const double *w);
 void tl_keep_loops(tl_scene *s, double *free);
 int tl_within_loops(tl_scene *s, tl_row *row);
 
+/* What names a point: its pair, then the feature of the bodies that it is. */
+static inline int64_t tl_key(int pair, int64_t feature) { return ((int64_t)pair << 38) + feature; }
+
 void tl_add_point(tl_scene *s, const tl_point *point);
 void tl_detect(tl_scene *s, double reach);
 double tl_overlap(tl_scene *s, const double *q);
 void tl_detect_fields(tl_scene *s, double reach);
+void tl_rim_way(const double *n, const double *u, int way, double *out);
+void tl_place_solid(const tl_scene *s, tl_solid *solid);
 void tl_detect_rounds(tl_scene *s, double reach);
 void tl_detect_hulls(tl_scene *s, double reach);
 double tl_hull_overlap(tl_scene *s);

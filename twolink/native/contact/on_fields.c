@@ -1,0 +1,317 @@
+/* Points at which bodies touch height fields of the world: geometry/on_fields.py, whose names the functions have, is the
+statement. */
+#include "fields.h"
+
+#define FARTHER 4.0                          /* times as deep as the surface below a corner */
+enum { SIDE = 2, RIMS = 3, CROSSINGS = 11 }; /* parts of round bodies behind their ends */
+
+/* A placed body over a field. ends: of its axis, of what is no hull; low, high: of the body with its reach. */
+typedef struct {
+  tl_scene *s;
+  const tl_on_field *one;
+  const tl_field *f;
+  const tl_solid *solid;
+  const tl_hull *hull;
+  double reach, ends[2][3], low[3], high[3];
+} field_body;
+
+/* A ridge from its start along its way, or a peak; and its number. */
+typedef struct {
+  double start[3], way[3];
+  int64_t number;
+  int is_peak;
+} spot;
+
+static int64_t planes(const tl_field *f) { return 4 * (int64_t)f->count[0] * f->count[1]; }
+
+static int64_t key(const field_body *b, int part, int64_t number) {
+  return tl_key(b->one->pair, part * (planes(b->f) + planes(b->f) / 2) + number);
+}
+
+/* A point of a part of the body with its middle at x + far n. */
+static void add(const field_body *b, int part, int64_t number, double gap, const double *n, const double *x, double far) {
+  tl_point point = {.key = key(b, part, number), .pair = b->one->pair, .first = b->one->body, .dof = -1, .gap = gap};
+  tl_copy3(n, point.normal);
+  tl_copy3(x, point.position);
+  tl_add_scaled(far, n, point.position);
+  tl_add_point(b->s, &point);
+}
+
+/* Whether a normal, to 6 digits, comes before another one. */
+static int is_before(const double *n, const double *other) {
+  for (int i = 0; i < 3; i++) {
+    const double a = nearbyint(n[i] * 1e6), b = nearbyint(other[i] * 1e6);
+    if (a != b) return a < b;
+  }
+  return 0;
+}
+
+static int is_same(const double *n, const double *m) {
+  return fabs(n[0] - m[0]) < TL_LEVEL && fabs(n[1] - m[1]) < TL_LEVEL && fabs(n[2] - m[2]) < TL_LEVEL;
+}
+
+/* The points of a part from `begin` on by their normals, each of which stays once, and their keys. */
+static void each_plane(const field_body *b, int part, int begin) {
+  tl_point *points = b->s->points;
+  int kept = begin;
+  for (int k = begin + 1; k < b->s->count; k++) {
+    const tl_point point = points[k];
+    int place = k;
+    for (; place > begin && is_before(point.normal, points[place - 1].normal); place--) points[place] = points[place - 1];
+    points[place] = point;
+  }
+  for (int k = begin; k < b->s->count; k++) {
+    int other = begin;
+    while (other < kept && !is_same(points[k].normal, points[other].normal)) other++;
+    if (other < kept) continue;
+    points[kept] = points[k];
+    points[kept].key = key(b, part, planes(b->f) + kept - begin);
+    kept++;
+  }
+  b->s->count = kept;
+}
+
+/* The triangles that a corner or ball touches. */
+static void on_corner(const field_body *b, int part, const double *x) {
+  const double radius = b->one->radius;
+  const int begin = b->s->count;
+  tl_triangle under;
+  double on[3], way[3];
+  const int is_over = tl_below(b->f, x, &under);
+  const double deep = is_over ? tl_height_above(&under, x) : INFINITY;
+  const int is_above = radius > 0 && deep > 0;
+  const tl_cells at = tl_cells_within(b->f, x, radius + b->reach);
+  for (int i = at.first[0]; i < at.end[0]; i++)
+    for (int k = at.first[1]; k < at.end[1]; k++)
+      for (int half = 0; half < 2; half++) {
+        const tl_triangle here = tl_triangle_of(b->f, i, k, half);
+        tl_nearest_of_triangle(&here, x, on);
+        double gap = tl_height_above(&here, x) - radius;
+        if (is_above) {
+          tl_minus(x, on, way);
+          const double far = tl_length(way);
+          gap = far - radius;
+          if (!(gap < b->reach)) continue;
+          for (int c = 0; c < 3; c++) way[c] /= far;
+          if (tl_supports(b->f, on, way)) add(b, part, 0, gap, way, x, -(radius + 0.5 * gap));
+        } else if (gap < b->reach && gap + radius >= FARTHER * (deep < 0 ? deep : 0) - TL_SAME) {
+          for (int c = 0; c < 3; c++) way[c] = x[c] - (gap + radius) * here.normal[c] - on[c];
+          if (tl_length(way) <= TL_SAME) add(b, part, 0, gap, here.normal, x, -(radius + 0.5 * gap));
+        }
+      }
+  const double gap = deep - radius;
+  if (b->s->count == begin && is_over && !is_above && gap < b->reach)
+    add(b, part, 0, gap, under.normal, x, -(radius + 0.5 * gap));
+  each_plane(b, part, begin);
+}
+
+/* s and t of the points x + s u of a line and start + t way of a ridge that are nearest to each other, if they cross. */
+static int crossing(const double *x, const double *u, const spot *ridge, double *s, double *t) {
+  double apart[3];
+  tl_minus(x, ridge->start, apart);
+  const double a = tl_dot(u, u), b = tl_dot(u, ridge->way), c = tl_dot(ridge->way, ridge->way);
+  const double d = tl_dot(u, apart), e = tl_dot(ridge->way, apart), size = a * c - b * b;
+  if (!(size > TL_LEVEL * TL_LEVEL * a * c)) return 0;
+  *s = (b * e - c * d) / size, *t = (a * e - b * d) / size;
+  return 1;
+}
+
+/* A ridge or peak at which the side of a capsule touches, or of a cylinder, which has rims. */
+static void on_line(const field_body *b, const spot *at) {
+  const double *start = b->ends[0];
+  double way[3], p[3], line[3], s, t;
+  tl_minus(b->ends[1], start, way);
+  tl_copy3(at->start, p);
+  if (!at->is_peak) {
+    if (!crossing(start, way, at, &s, &t) || !(t > 0 && t < 1)) return;
+    tl_add_scaled(t, at->way, p);
+  }
+  tl_minus(p, start, line);
+  const double share = tl_dot(line, way) / tl_dot(way, way);
+  if (!(share > 0 && share < 1)) return;
+  for (int i = 0; i < 3; i++) line[i] = share * way[i] - line[i];
+  const double far = tl_length(line), gap = far - b->one->radius;
+  if (!(far > TL_SAME && gap < b->reach)) return;
+  if (b->one->kind == TL_CYLINDER && -gap > (share < 0.5 ? share : 1 - share) * tl_length(way)) return; /* an end is nearer */
+  for (int i = 0; i < 3; i++) line[i] /= far;
+  if (tl_supports(b->f, p, line)) add(b, SIDE, at->number, gap, line, p, 0.5 * gap);
+}
+
+/* The edges of a hull that cross a ridge. */
+static void on_edges(const field_body *b, const spot *ridge) {
+  for (int k = 0; k < b->hull->edges; k++) {
+    const int32_t *ends = b->hull->edge + 2 * k, *sides = b->hull->side + 2 * k;
+    const double *u = b->solid->way + 3 * k;
+    double way[3], x[3], p[3], apart[3], n[3], left[3], right[3], s, t;
+    tl_copy3(b->solid->vertex + 3 * ends[0], x);
+    tl_minus(b->solid->vertex + 3 * ends[1], x, way);
+    if (!crossing(x, way, ridge, &s, &t) || !(s >= 0 && s <= 1 && t >= 0 && t <= 1)) continue;
+    tl_cross(way, ridge->way, n);
+    const double length = copysign(tl_length(n), n[2]);
+    for (int i = 0; i < 3; i++) n[i] /= length;
+    tl_copy3(ridge->start, p);
+    tl_add_scaled(s, way, x);
+    tl_add_scaled(t, ridge->way, p);
+    tl_minus(x, p, apart);
+    const double gap = tl_dot(n, apart);
+    tl_cross(b->solid->normal + 3 * sides[0], n, left);
+    tl_cross(b->solid->normal + 3 * sides[1], n, right);
+    if (!(gap < b->reach && n[2] > TL_LEVEL && tl_dot(left, u) <= TL_LEVEL && tl_dot(right, u) >= -TL_LEVEL)) continue;
+    tl_triangle under;
+    const double deep = gap > -TL_SAME ? -INFINITY : tl_below(b->f, x, &under) ? tl_height_above(&under, x) : INFINITY;
+    if (gap >= FARTHER * deep - TL_SAME && tl_supports(b->f, p, n))
+      add(b, b->hull->vertices + k, ridge->number, gap, n, p, 0.5 * gap);
+  }
+}
+
+/* The faces of a hull that a peak touches: the nearest ones, not those on the far side of the hull. */
+static void on_faces(const field_body *b, const spot *peak) {
+  const tl_hull *hull = b->hull;
+  double away[3], x[3], most = -INFINITY;
+  tl_minus(peak->start, b->solid->middle, away);
+  tl_times_back(b->solid->turned, away, x);
+  for (int k = 0; k < hull->faces; k++) most = tl_larger(most, tl_dot(hull->normal + 3 * k, x) - hull->height[k]);
+  for (int k = 0; k < hull->faces; k++) {
+    const double gap = tl_dot(hull->normal + 3 * k, x) - hull->height[k], *out = b->solid->normal + 3 * k;
+    if (!(gap >= most - TL_SAME && gap < b->reach && out[2] < -TL_LEVEL)) continue;
+    int side = hull->start[k];
+    while (side < hull->start[k + 1] && tl_dot(hull->inward + 3 * side, x) - hull->depth[side] >= 0) side++;
+    const double n[3] = {-out[0], -out[1], -out[2]};
+    if (side == hull->start[k + 1] && tl_supports(b->f, peak->start, n))
+      add(b, hull->vertices + hull->edges + k, peak->number, gap, n, peak->start, 0.5 * gap);
+  }
+}
+
+/* The direction out of an end of a cylinder. */
+static void outward(const field_body *b, int end, double *out) {
+  tl_minus(b->ends[end], b->ends[!end], out);
+  const double length = tl_length(out);
+  for (int i = 0; i < 3; i++) out[i] /= length;
+}
+
+/* The points of a rim that touch triangles: for each of their planes the lowest, the highest, and those between. */
+static void on_rim(const field_body *b, int end) {
+  double out[3], across[3], x[3], away[3];
+  outward(b, end, out);
+  const tl_cells at = tl_cells_within(b->f, b->ends[end], b->one->radius + b->reach);
+  for (int way = 0; way < 4; way++) {
+    const int begin = b->s->count, part = RIMS + 4 * end + way;
+    for (int i = at.first[0]; i < at.end[0]; i++)
+      for (int k = at.first[1]; k < at.end[1]; k++)
+        for (int half = 0; half < 2; half++) {
+          const tl_triangle here = tl_triangle_of(b->f, i, k, half);
+          tl_triangle under;
+          tl_rim_way(here.normal, out, way, across);
+          tl_copy3(b->ends[end], x);
+          tl_add_scaled(b->one->radius, across, x);
+          if (!tl_below(b->f, x, &under) || !is_same(under.normal, here.normal)) continue;
+          tl_minus(x, under.corner[0], away);
+          const double gap = tl_dot(here.normal, away);
+          if (gap < b->reach) add(b, part, 0, gap, here.normal, x, -0.5 * gap);
+        }
+    each_plane(b, part, begin);
+  }
+}
+
+/* A peak below the disc at an end. */
+static void on_end(const field_body *b, int end, const spot *peak) {
+  double out[3], away[3], across[3];
+  outward(b, end, out);
+  tl_minus(peak->start, b->ends[end], away);
+  const double over = tl_dot(away, out); /* below 0: in the disc's way */
+  tl_copy3(away, across);
+  tl_add_scaled(-over, out, across);
+  const double beside = tl_length(across), radius = b->one->radius, n[3] = {-out[0], -out[1], -out[2]};
+  if (out[2] > -TL_LEVEL || !(beside < radius && over < b->reach && over > beside - radius)) return;
+  if (tl_supports(b->f, peak->start, n)) add(b, end, peak->number, over, n, peak->start, 0.5 * over);
+}
+
+/* The crossings of a ridge and a rim, as seen along the axis. */
+static void on_crossings(const field_body *b, int end, const spot *ridge) {
+  const double radius = b->one->radius;
+  double out[3], start[3], edge[3], inside[3];
+  outward(b, end, out);
+  tl_minus(ridge->start, b->ends[end], start);
+  tl_add_scaled(-tl_dot(start, out), out, start);
+  tl_copy3(ridge->way, edge);
+  tl_add_scaled(-tl_dot(edge, out), out, edge);
+  const double a = tl_dot(edge, edge), c = tl_dot(start, edge), inner = c * c - a * (tl_dot(start, start) - radius * radius);
+  if (!(inner > 0 && a > TL_SAME * TL_SAME)) return;
+  tl_copy3(start, inside);
+  tl_add_scaled(tl_limited(-c / a, 0, 1), edge, inside);
+  const double beside = FARTHER * (radius - tl_length(inside)); /* else the side has the smaller overlap */
+  for (int root = 0; root < 2; root++) {
+    const double share = (-c + (root ? 1 : -1) * sqrt(inner)) / a;
+    double radial[3], tangent[3], n[3], x[3], p[3], apart[3];
+    for (int i = 0; i < 3; i++) radial[i] = (start[i] + share * edge[i]) / radius;
+    tl_cross(out, radial, tangent);
+    tl_cross(tangent, ridge->way, n);
+    const double size = tl_length(n), scale = copysign(1 / size, n[2]);
+    if (!(share >= 0 && share <= 1 && size > TL_LEVEL * tl_length(ridge->way))) continue;
+    for (int i = 0; i < 3; i++) n[i] *= scale;
+    tl_copy3(b->ends[end], x);
+    tl_add_scaled(radius, radial, x);
+    tl_copy3(ridge->start, p);
+    tl_add_scaled(share, ridge->way, p);
+    tl_minus(x, p, apart);
+    const double gap = tl_dot(n, apart);
+    if (!(gap < b->reach && tl_dot(apart, out) < beside + TL_SAME)) continue;
+    if (!(-tl_dot(n, out) >= -TL_LEVEL && -tl_dot(n, radial) >= -TL_LEVEL) || !tl_supports(b->f, p, n)) continue;
+    for (int i = 0; i < 3; i++) p[i] = 0.5 * (x[i] + p[i]);
+    add(b, CROSSINGS + 2 * end + root, ridge->number, gap, n, p, 0);
+  }
+}
+
+static void on_spot(const field_body *b, const spot *at) {
+  if (!b->hull) on_line(b, at);
+  else if (at->is_peak) on_faces(b, at);
+  else on_edges(b, at);
+  for (int end = 0; end < 2 && b->one->kind == TL_CYLINDER; end++) (at->is_peak ? on_end : on_crossings)(b, end, at);
+}
+
+/* The ridges and peaks near the body. */
+static void on_spots(const field_body *b) {
+  const tl_field *f = b->f;
+  const tl_cells near = tl_cells_over(f, b->low, b->high);
+  for (int i = near.first[0]; i <= near.end[0]; i++)
+    for (int k = near.first[1]; k <= near.end[1]; k++)
+      for (int kind = 0; kind < 4; kind++) {
+        const int64_t number = (int64_t)i * f->count[1] + k;
+        if (!(f->marks[number] >> kind & 1)) continue;
+        spot at = {.number = 4 * number + kind, .is_peak = kind == 3};
+        tl_field_corner(f, i, k, at.start);
+        if (!at.is_peak) {
+          tl_field_corner(f, i + (kind != 2), k + (kind != 1), at.way);
+          tl_minus(at.way, at.start, at.way);
+        }
+        on_spot(b, &at);
+      }
+}
+
+/* The points of a body over a field. */
+static void detect(tl_scene *s, const tl_on_field *one, double reach) {
+  field_body b = {s, one, s->field + one->field, NULL, NULL, reach, {{0}}, {0}, {0}};
+  const double near = one->radius + reach;
+  const double *corners = b.ends[0];
+  int count = one->kind == TL_BALL ? 1 : 2;
+  if (one->kind == TL_HULL) {
+    tl_place_solid(s, s->solid + one->solid);
+    b.solid = s->solid + one->solid, b.hull = s->hull + b.solid->hull;
+    corners = b.solid->vertex, count = b.hull->vertices;
+  }
+  for (int end = 0; end < count && !b.hull; end++)
+    tl_at(s->turned + 9 * one->body, s->origin + 3 * one->body, one->end[end], b.ends[end]);
+  for (int i = 0; i < 3; i++) {
+    b.low[i] = INFINITY, b.high[i] = -INFINITY;
+    for (int k = 0; k < count; k++) b.low[i] = fmin(b.low[i], corners[3 * k + i]), b.high[i] = fmax(b.high[i], corners[3 * k + i]);
+    b.low[i] -= near, b.high[i] += near;
+  }
+  if (!(b.low[2] <= b.f->top)) return;
+  for (int k = 0; k < count && one->kind != TL_CYLINDER; k++) on_corner(&b, k, corners + 3 * k);
+  for (int end = 0; end < 2 && one->kind == TL_CYLINDER; end++) on_rim(&b, end);
+  if (one->kind != TL_BALL) on_spots(&b);
+}
+
+void tl_detect_fields(tl_scene *s, double reach) {
+  for (const tl_on_field *one = s->on_field; one < s->on_field + s->on_fields; one++) detect(s, one, reach);
+}
