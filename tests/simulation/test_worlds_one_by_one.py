@@ -5,6 +5,7 @@ from collections.abc import Mapping
 
 import numpy as np
 import pytest
+import scipy.linalg
 
 import twolink as tl
 from tests.effects.bodies import bouncing
@@ -158,3 +159,27 @@ def test_worlds_are_located_or_stepped_as_is_asked() -> None:
     assert np.abs(located.q - stepped.q).max() <= (located.error + stepped.error).max()
     with pytest.raises(SceneError, match="contact: 'rolled' is unknown"):
         tl.simulate_many(can, 0.1, contact="rolled")
+
+
+@pytest.mark.parametrize("nominal_gain", [0.0, 3.0])
+def test_gains_of_integrals_and_times_of_filters_differ_by_world_and_may_be_0(nominal_gain: float) -> None:
+    """Without gravity: m q'' = kp e + I - kd w, I' = ki e, F w' = v - w, by the matrix exponential."""
+    robot = tl.load_robot("friction_pendulum")
+    kp, kd, target, end, start = 4.0, 1.5, 0.5, 1.0, -0.3
+    inertia = robot.mass_matrix([0.0])[0, 0]
+    pid = effects.PID({"axle": target}, {"axle": kp}, {"axle": nominal_gain}, {"axle": kd},
+                      filter={"axle": 0.02 * nominal_gain})  # fmt: skip
+    scene = tl.Scene(robot, [start], effects=[pid], duration=end)
+    gains, times = np.array([0.0, 2.0, 0.0, 5.0]), np.array([0.0, 0.0, 0.1, 0.06])
+    worlds = tl.simulate_many(scene, parameters={"effects.0.ki.axle": gains, "effects.0.filter.axle": times})
+    for i, (ki, lag) in enumerate(zip(gains, times, strict=True)):
+        rates = np.array([[0, 1, 0, 0],
+                          [-kp / inertia, 0 if lag else -kd / inertia, 1 / inertia, -kd / inertia if lag else 0],
+                          [-ki, 0, 0, 0], [0, 1 / lag if lag else 0, 0, -1 / lag if lag else 0]])  # fmt: skip
+        exact = scipy.linalg.expm(end * rates) @ [start - target, 0.0, 0.0, 0.0]
+        assert abs(worlds.q[i, 0] - target - exact[0]) <= worlds.error[i]
+    assert worlds.within_accuracy.all()
+    if not nominal_gain:
+        for name in ("effects.0.ki.axle", "effects.0.filter.axle"):
+            with pytest.raises(SceneError, match="is 0: the state that it is the gain or the time of is left out"):
+                tl.sensitivities(scene, wrt=[name])

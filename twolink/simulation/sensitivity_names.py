@@ -16,7 +16,7 @@ from twolink.integrate.derivatives.parameter_variation import ParameterVariation
 from twolink.integrate.motion.assembly import RANK, assembled
 from twolink.integrate.motion.constraints import Constraints
 from twolink.integrate.motion.equations import Equations
-from twolink.integrate.motion.scene_equations import equations_of, with_starting_states
+from twolink.integrate.motion.scene_equations import decides_states, equations_of, with_starting_states
 from twolink.scenes import Scene
 from twolink.scenes.parameters import PREFIX, named_parameters, part_of
 
@@ -54,6 +54,9 @@ def wanted_of(scene: Scene, wrt: Sequence[str]) -> Wanted:
         if parameter.kind not in ("constant", "effect") or not math.isfinite(parameter.nominal):
             raise SceneError(f"there are no derivatives by {parameter.name!r}: {parameter.about}", argument="wrt",
                              remedy="ask for another number", code="sensitivity-undefined")  # fmt: skip
+        if not parameter.nominal and decides_states(scene, parameter.name):
+            raise SceneError(f"{parameter.name!r} is 0: the state that it is the gain or the time of is left out",
+                             argument="wrt", code="sensitivity-undefined", remedy="give it some value")  # fmt: skip
     if equations.constraints is not None and any(_closes(scene, name) for name in parameters):
         raise SceneError("a length changes how loops close, which sensitivities do not follow yet", argument="wrt",
                          remedy="ask for masses or the initial state", code="sensitivities-lengths")  # fmt: skip

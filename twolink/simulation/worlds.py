@@ -12,7 +12,7 @@ from twolink.dynamics.arguments import Positive, array, configuration
 from twolink.errors import AccuracyError, SceneError
 from twolink.integrate.motion.assembly import assembled
 from twolink.integrate.motion.equations import Equations
-from twolink.integrate.motion.scene_equations import equations_of, with_starting_states
+from twolink.integrate.motion.scene_equations import decides_states, equations_of, with_starting_states
 from twolink.integrate.solution import Progress
 from twolink.integrate.steps.methods import METHODS
 from twolink.integrate.steps.step_map import step_map
@@ -79,8 +79,8 @@ def simulate_many(
     -----
     Smooth worlds are steps of one batch. Worlds of a scene with events or sampled controllers are solved one after the
     other, each as `simulate` solves it, by the same compiled steps; each has its own controller state. So are worlds
-    that differ in parameters of closed loops or of such a scene, or in numbers of effects that change the robot; each
-    of them compiles steps of its own.
+    that differ in parameters of closed loops or of such a scene, or in numbers of effects that change the robot or are
+    the gain of a state, such as ki of `PID`; each of them compiles steps of its own.
 
     Raises
     ------
@@ -143,10 +143,10 @@ def _in_batch(
 def differs_beyond_numbers(scene: Scene, names: Collection[str]) -> bool:
     """True if worlds that differ in these parameters are no batch of one step.
 
-    They have events, sampled controllers, loops of their own, or constants of their own.
+    They have events, sampled controllers, or loops, constants or states of effects of their own.
     """
     equations, known = equations_of(scene, ticks=True), parameters_of(scene)
-    if equations.sampling is not None:
+    if equations.sampling is not None or any(decides_states(scene, name) for name in names):
         return True
     constant = any(name not in known or not known[name].acts for name in names)
     if equations.has_events and equations.space.states:  # play, whose kinks are to be located

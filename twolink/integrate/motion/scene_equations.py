@@ -32,7 +32,7 @@ from twolink.integrate.motion.state import Array, StateSpace, layout_of
 from twolink.io.fingerprints import kernel_key
 from twolink.native.programs import keep, kept
 from twolink.scenes import Scene
-from twolink.scenes.parameters import PREFIX, numbers_of
+from twolink.scenes.parameters import PREFIX, numbers_of, with_effect_number
 
 if TYPE_CHECKING:
     from twolink.loop.sampled_loop import Sampling
@@ -178,6 +178,16 @@ def starting_states(effects: Sequence[Effect], motion: KinematicState) -> dict[s
                                  remedy="keep one of a kind on a joint, or give muscles other names")  # fmt: skip
             found[name] = value
     return found
+
+
+def decides_states(scene: Scene, name: str) -> bool:
+    """True if which states effects have depends on whether the number of this name is 0, as of the gains of a PID."""
+    if not name.startswith(PREFIX):
+        return False
+    robot = scene.robot
+    motion = KinematicState(robot.model, mechanism(robot.model), list(scene.q), list(scene.v), 0.0, Numbers)
+    none, some = (with_effect_number(scene.effects, name, number) for number in (0.0, 1.0))
+    return starting_states(none, motion).keys() != starting_states(some, motion).keys()
 
 
 def require_no_states(equations: Equations, what: str) -> None:

@@ -135,7 +135,7 @@ def way(scene: Scene, variant: Variant, request: Request, quantities: dict[str, 
     if request.verify and not can_be_finer(METHODS["dop853"], bound):
         return False, f"one by one: {bound:g} is below what batches can verify"
     if differs_beyond_numbers(scene, names):
-        return False, "one by one: the scene has events, or loops or constants that differ by run"
+        return False, "one by one: the scene has events, or loops, constants or states that differ by run"
     if "events" in request.outputs and equations_of(scene, ticks=True).has_events:
         return False, "one by one: batches do not tell when limits of effort are reached"
     return True, "in batches: the scene is smooth, and runs differ in numbers only"
