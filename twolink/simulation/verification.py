@@ -4,8 +4,9 @@
     smooth, loops           a finer one, 2 to 6 disturbed ones       columns of one batch with the run
     sampled                 pairs that mirror each other, finer      columns of one batch with the run
     sampled, with events    a finer one, 3 disturbed ones            side by side, each with events of its own
-    events, SciPy's,        a finer one, 1 or 2 disturbed ones; or   one after the other
-      in many digits        one that shows both errors
+    events, in many digits  a finer one that is disturbed, or a      one after the other
+                            finer one and 1 or 2 disturbed ones
+    SciPy's                 a finer one, 1 or 2 disturbed ones       one after the other
 
 Worlds are verified in `world_solving`, motions that go on without end in `motion_error`, stepped contacts in
 `stepped_run`, and derivatives in `sensitivity_runs`, by the factors of `error_bar` too.
@@ -13,6 +14,7 @@ Worlds are verified in `world_solving`, motions that go on without end in `motio
 
 from __future__ import annotations
 
+import collections
 import math
 import time
 from collections.abc import Callable, Iterator
@@ -28,10 +30,12 @@ from twolink.integrate.solver import ATTEMPTS, MethodChoice, attempts_of, has_co
 from twolink.integrate.solvers.taylor import ROUNDING_UNIT
 from twolink.integrate.steps.failures import failure
 from twolink.integrate.steps.perturbation import (
+    LEAST_WIDE,
     NO_PERTURBATION,
     OFTEN,
     RESTARTED,
     SELDOM,
+    WIDEST,
     Companions,
     Perturbation,
     disturbed_finer,
@@ -220,19 +224,17 @@ class Verification:
         return run, own, companions.x.swapaxes(1, 2), companions
 
     def _one_by_one(self, choice: MethodChoice, finer: Perturbation) -> Verified:
-        """The run, then the others.
-
-        A finer solution that is disturbed shows both errors, if what becomes of disturbances is in proportion to them:
-        not where a stop, a contact or a halt may just be missed. Where its bar is above the accuracy, each error has a
-        solution of its own.
-        """
+        """The run, then the others."""
         run = self.unverified(choice)
         if run.solution.interrupted:
             return run
         begin, others = time.perf_counter(), list[Solution]()
 
         def far(perturbation: Perturbation, origin: Verified = run) -> Array:
-            """The distance of another solution from the run or another origin, infinite where it is lost."""
+            """The distance of another solution from the run or another origin, infinite where it is lost.
+
+            It is larger where the other one has other events: whether a stop is hit may be chance.
+            """
             try:
                 other = self._solved(choice, self._times[self._checks], perturbation)[0]
             except AccuracyError as error:
@@ -242,33 +244,38 @@ class Verification:
             others.append(other)
             if other.interrupted:
                 raise KeyboardInterrupt
-            return origin.distance(self._equations.space, other)
+            distance = origin.distance(self._equations.space, other)
+            return distance if _kinds(other) == _kinds(run.solution) else CHANCE * distance
 
         try:
-            together = self._together(run, finer, far) if choice.method.kind == "taylor" else None
-            one = together or run.with_parts(np.stack(self._apart(run, finer, far, others), axis=1))
+            one = run.with_parts(np.stack(self._apart(run, finer, far, others), axis=1))
         except KeyboardInterrupt:
             return replace(run, solution=replace(run.solution, interrupted=True))
         compiling = sum(other.compile_seconds for other in others)
         solution = replace(run.solution, compile_seconds=run.solution.compile_seconds + compiling)
         return replace(one, solution=solution, verify_seconds=time.perf_counter() - begin - compiling)
 
-    def _together(self, run: Verified, finer: Perturbation, far: Far) -> Verified | None:
-        """The run by a solution that shows both errors, where that is enough."""
-        disturbed, wide = disturbed_finer(finer, run.choice.setting, ROUNDING_UNIT[run.choice.precision])
-        if not (wide and self._accuracy > 0.0):
-            return None
-        off = far(disturbed)
-        one = run.with_parts(np.stack([off, off / wide], axis=1))
-        bar = one.bar(self._equations.space, SLACK * self._accuracy)
-        return one if bar is not None and bar[-1] <= self._accuracy else None
-
     def _apart(self, run: Verified, finer: Perturbation, far: Far, others: list[Solution]) -> list[Array]:
-        """The distances (k,) to a finer solution, and to disturbed ones: another where the first says much."""
+        """The distances (k,) to a finer solution, and to disturbed ones: another where the first says much.
+
+        A finer solution that is disturbed shows both errors, where what it shows of rounding is little. What becomes
+        of a disturbance is in proportion to it; to its square root where a stop or a contact may just be missed, so
+        that the disturbance is small there.
+        """
+        kind, undisturbed, events = run.choice.method.kind, run, self._equations.has_events
+        both, wide = disturbed_finer(finer, run.choice.setting, ROUNDING_UNIT[run.choice.precision],
+                                     LEAST_WIDE if events else WIDEST)  # fmt: skip
+        if kind == "scipy" or not (wide and self._accuracy > 0.0):
+            both, wide = finer, 0.0
+        each = [far(both)]
+        if wide:
+            rounding = each[0] / (math.sqrt(wide) if events else wide)
+            if DISTURBED[1] * rounding.max() < ENOUGH * self._accuracy:
+                return [*each, rounding]
         # The steps of a disturbed solution may end elsewhere than those of the run. It is compared with one of its own
         # steps: by Taylor's method the finer one, by SciPy's one that begins anew as often.
-        kind = run.choice.method.kind
-        each, undisturbed = [far(finer)], run
+        if wide and kind == "taylor":
+            each = [far(finer)]
         same_steps = each[0] if kind != "scipy" else far(RESTARTED)
         if kind in ("taylor", "scipy") and np.isfinite(same_steps).all():  # it is not lost
             own = others[-1]
@@ -300,6 +307,11 @@ class Verification:
         """The numbers of the samples that are compared, and of the last one of a solution that ended before."""
         last = len(solution.t) - 1
         return self._checks if self._checks[-1] == last else np.append(self._checks[self._checks < last], last)
+
+
+def _kinds(solution: Solution) -> collections.Counter[str]:
+    """The number of events of each kind."""
+    return collections.Counter(event.kind for event in solution.events)
 
 
 def _in_doubt(run: Verified, each: Array) -> Array:

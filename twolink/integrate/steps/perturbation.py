@@ -90,7 +90,9 @@ def disturbed_solutions(count: int, finer: float = 1.0) -> tuple[Perturbation, .
     return tuple(Perturbation(finer, ROUNDING, i) for i in range(count))
 
 
-def disturbed_finer(finer: Perturbation, tolerance: float, unit: float = EPS) -> tuple[Perturbation, float]:
+def disturbed_finer(
+    finer: Perturbation, tolerance: float, unit: float = EPS, widest: float = WIDEST
+) -> tuple[Perturbation, float]:
     """A finer solution that shows both errors, and how many times as much as by rounding it is disturbed.
 
     The disturbances are far below its tolerance, so that its distance is one of truncation; what rounding makes is no
@@ -104,8 +106,10 @@ def disturbed_finer(finer: Perturbation, tolerance: float, unit: float = EPS) ->
         Of the run.
     unit : float
         The relative rounding of the numbers.
+    widest : float
+        The most of how many times.
     """
-    wide = min(WIDEST, WIDE_SHARE * tolerance / finer.finer / unit)
+    wide = min(widest, WIDE_SHARE * tolerance / finer.finer / unit)
     return (replace(finer, rounding=wide * ROUNDING), wide) if wide >= LEAST_WIDE else (finer, 0.0)
 
 
