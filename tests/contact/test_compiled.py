@@ -1,12 +1,12 @@
 """Steps of the native library are those of the contact law in NumPy, from the same state and memory."""
 
 import math
-from collections.abc import Iterator
 
 import numpy as np
 import pytest
 
 import twolink as tl
+from scripts.studies.steps import SAME, difference, pairs_of_steps
 from tests.dynamics import robots
 from tests.effects.bodies import free_bodies, grounded, spheres, stepped
 from tests.near import assert_near
@@ -15,12 +15,10 @@ from twolink.contact.bodies import FreeBodies
 from twolink.contact.compiled_steps import take_steps
 from twolink.contact.impulses import EXACT
 from twolink.contact.solver import stepper_of
-from twolink.contact.stepping import ContactStepper
 from twolink.contact.steps import Step, plan_steps
 from twolink.robots.collisions import AnyShape
 
 E = tl.effects
-SAME = 1e-11  # m, rad, and of the speed
 TETRAHEDRON = E.Convex(((0.1, 0.0, -0.05), (-0.07, 0.08, -0.05), (-0.06, -0.09, -0.05), (0.01, 0.0, 0.12)))
 PRISM = E.Convex(
     tuple((0.06 * math.cos(a), 0.06 * math.sin(a), z) for a in (0.3, 1.4, 2.4, 3.9, 5.0) for z in (-0.1, 0.1))
@@ -37,25 +35,6 @@ SHAPES: dict[str, tuple[AnyShape, ...]] = {
     "meshes of many edges": (STONE, STONE, E.Box((0.2, 0.1, 0.15))),
     "what has no formula": (E.Cylinder(0.1, 0.15), E.Capsule(0.05, 0.2), E.Box((0.2, 0.1, 0.15))),
 }
-
-
-def pairs_of_steps(stepper: ContactStepper, h: float, count: int) -> Iterator[tuple[Step, Step]]:
-    """A step by NumPy and the same one by the library, one after the other from NumPy's ends."""
-    plan = plan_steps(stepper.equations, np.array([0.0, count * h]), h, 0)
-    q, v, memory = stepper.begin
-    for k, (t, length) in enumerate(zip(plan.t.tolist(), plan.h.tolist(), strict=True)):
-        one = stepper.advance(t, length, q, v, plan.numbers[plan.piece[k]], memory)
-        found = take_steps(stepper.native, stepper.bodies, plan, range(k, k + 1), q, v, memory)
-        other = found[0]
-        if other.memory.rest is None:
-            yield one, other
-        q, v, memory = one.q, one.v, one.memory._replace(rest=None)
-
-
-def differ(one: Step, other: Step) -> bool:
-    """True if states differ by more than rounding."""
-    fast = max(1.0, float(np.abs(one.v).max()))
-    return bool(np.abs(one.q - other.q).max() > SAME * fast or np.abs(one.v - other.v).max() > SAME * fast)
 
 
 def require_same(one: Step, other: Step) -> None:
@@ -88,7 +67,7 @@ def require_same_steps(scene: tl.Scene, h: float, count: int) -> None:
     others, touched = 0, 0
     for one, other in pairs_of_steps(stepper_of(scene), h, count):
         touched += one.impulses is not None
-        if differ(one, other):
+        if difference(one, other) > SAME:
             others += 1
             assert other.impulses.residual <= EXACT
         else:

@@ -240,11 +240,11 @@ class ContactStepper:
             return Step(h, end, free, a, none, points.key, points.position, np.empty((0, 3)))
         if (-points.gap > DEEPEST * self.laws.thickness[points.pair]).any():
             return None
-        step = self._with_contacts(h, middle, v, kept, points, memory)
+        step, guess = self._with_contacts(h, middle, v, kept, points, memory)
         if step is None or not step.blows:
             return step
         mean = self._mean_behind(t, h, middle, v, a, numbers, step)
-        return self._with_contacts(h, middle, v, self._kept(t, h, q, middle, v, mean), points, memory) or step
+        return self._with_contacts(h, middle, v, self._kept(t, h, q, middle, v, mean), points, memory, guess)[0] or step
 
     def _mean_behind(self, t: float, h: float, middle: Array, v: Array, a: Array, numbers: Array, step: Step) -> Array:
         """The mean w' of a step with an impact but for contacts: a before it, and behind it that at the velocity there.
@@ -266,17 +266,20 @@ class ContactStepper:
         return self.loops.keep(self.bodies, q, middle, v, free)
 
     def _with_contacts(
-        self, h: float, middle: Array, v: Array, kept: Kept, points: Points, memory: Memory
-    ) -> Step | None:
+        self, h: float, middle: Array, v: Array, kept: Kept, points: Points, memory: Memory,
+        guess: Array | None = None,
+    ) -> tuple[Step | None, Array | None]:  # fmt: skip
+        """The step, None where its laws are not reached, and the impulses (n, 3). guess: those to begin with."""
         axes, free = axes_of(points.normal), kept.free
         rows = self._rows(points, axes)
         before, after = ((rows @ x).reshape(-1, 3) for x in (v, free))
         if (0.5 * h * np.linalg.norm(before, axis=1) > FARTHEST * self.laws.thickness[points.pair]).any():
-            return None
+            return None, guess
         law = StepLaw(self.laws, points, before, after, h, memory)
+        law.guess = law.guess if guess is None else guess
         solution = law.without_gain(rows, kept.inverse, free)
         if solution is None:
-            return None
+            return None, guess
         active, response, impulses, ends = solution
         u = (rows @ ends).reshape(-1, 3)
         pressing, shift = impulses.p[:, 2] > 0.0, response @ (law.late[active, None] * impulses.p).ravel()
@@ -292,7 +295,7 @@ class ContactStepper:
         lasts[active, :2] = (lasts[active, 2] & stuck & law.stuck[active] & ~law.of_joints[active])[:, None]
         push = correction(kept.inverse, rows, off, lasts, law.rests)
         if push is None:
-            return None
+            return None, guess
         move = move + push
         still = np.abs(u[active, 2]) < STILL
         closed = pressing | still & (np.abs(off[:, 2] + (rows @ push)[2::3])[active] < CLOSED)
@@ -307,9 +310,10 @@ class ContactStepper:
         joints, chosen, p = self._of_joints(rows, law, active[pressing], impulses.p[pressing])
         blows = () if blow is None else (Blow(blow[0], points.key[blow[1]], along(blow[2], axes[blow[1]]),
                                               rows[rows_of(blow[1])].T @ blow[2].ravel()),)  # fmt: skip
-        return Step(h, self.bodies.moved(middle, move), ends, mean, passed, points.key[chosen], points.position[chosen],
+        step = Step(h, self.bodies.moved(middle, move), ends, mean, passed, points.key[chosen], points.position[chosen],
                     along(p, axes[chosen]), impulses, joints=joints, slips=along(u[chosen, :2], axes[chosen, :2]),
                     blows=blows, rows=pressed, softened=law.share < 1.0, apart=law.apart(active[pressing]))  # fmt: skip
+        return step, law.guess
 
     def _of_joints(self, rows: Any, law: StepLaw, chosen: Array, p: Array) -> tuple[Array | None, Array, Array]:
         """The impulses on joints (nv,) of points with impulses, and what are points of bodies, with theirs."""
