@@ -327,6 +327,17 @@ def test_events_without_derivatives_are_named() -> None:
     assert tl.sensitivities(arm, wrt=["q", "v.shoulder"], duration=0.5).q["q"].shape[1:] == (2, 2)
 
 
+@pytest.mark.filterwarnings("ignore:overflow:RuntimeWarning", "ignore:invalid value:RuntimeWarning")
+@pytest.mark.parametrize("damping", [1e5, 1e7, 1e9])
+def test_derivatives_that_overflow_are_an_error_and_no_number(damping: float) -> None:
+    """The elbow comes to rest within some steps of 1 / damping: explicit steps along the motion grow without end."""
+    effects = [tl.effects.Gravity(), tl.effects.JointDamping({"elbow": damping})]
+    scene = tl.Scene(tl.load_robot("two_link"), [0.3, 0.4], [1.0, 2.0], effects=effects, duration=0.2)
+    assert np.isfinite(tl.simulate(scene).q).all()
+    with pytest.raises(AccuracyError, match="cannot be solved so accurately"):
+        tl.sensitivities(scene, wrt=["v"])
+
+
 def test_they_reach_an_event_that_ends_the_run() -> None:
     """A second solution meets it a rounding before or behind the last sample."""
     ball = tl.load_scene("bouncing-ball").base

@@ -10,7 +10,7 @@ import numpy as np
 from twolink.algorithms.namespaces import Numbers
 from twolink.errors import AccuracyError
 from twolink.integrate.dense_output import DenseOutput
-from twolink.integrate.derivatives.variational_legs import Leg, leg_at, leg_of, with_middles
+from twolink.integrate.derivatives.variational_legs import Leg, leg_at, leg_of, too_short, with_middles
 from twolink.integrate.derivatives.variational_steps import VariationalSteps
 from twolink.integrate.hybrid.modes import Mode
 from twolink.integrate.hybrid.saltation import Jump, RecordingEngine, Saltation
@@ -92,11 +92,16 @@ class NominalSolutions:
             yield leg_of(self._steps_of(nominal, number), nominal.dense, number, between, tolerance)
 
     def along(self, nominal: NominalSolution, legs: Iterable[Leg]) -> Iterator[tuple[Leg, Array]]:
-        """The legs of a solution, each with S (m, tangent + p, k) at its times."""
+        """The legs of a solution, each with S (m, tangent + p, k) at its times.
+
+        Raises AccuracyError where that is no finite number, code "sensitivities-steps".
+        """
         start = self.wanted.start
         start = start if nominal.begun is None else self.saltation.start(nominal.begun, start)
         for number, leg in enumerate(legs):
             s = leg.along(start)
+            if not np.isfinite(s).all():
+                raise too_short(float(leg.t[int(np.argmin(np.isfinite(s).all(axis=(1, 2))))]))
             yield leg, s
             jumps = nominal.jumps and number + 1 < len(nominal.edges)
             start = self.saltation(nominal.jumps[number], s[-1], nominal.second.differences) if jumps else s[-1]

@@ -128,10 +128,14 @@ def leg_of(steps: VariationalSteps, solution: DenseOutput, number: int, times: A
         x[:, inner] = solution.states_of(number, t[inner])
         found, square, again = found[before], square[before], np.flatnonzero(late[before])
         found[again], square[again] = steps.matrices(t[again], x[:, again], t[again + 1], tolerance)
-    where = float(t[int(np.argmax(~(square <= 1.0)))])
-    raise AccuracyError("the sensitivities cannot be solved so accurately: their steps become too short",
-                        where=f"t = {where:.6g} s", remedy="ask for less accuracy", code="sensitivities-steps",
-                        t=where)  # fmt: skip
+    raise too_short(float(t[int(np.argmax(~(square <= 1.0)))]))
+
+
+def too_short(t: float) -> AccuracyError:
+    """The error where the steps of derivatives do not get past a time [s]."""
+    return AccuracyError("the sensitivities cannot be solved so accurately: their steps become too short",
+                         where=f"t = {t:.6g} s", remedy="ask for less accuracy", code="sensitivities-steps",
+                         t=t)  # fmt: skip
 
 
 def _at_stored(t: Array, share: Array, stored: Array) -> Array:
