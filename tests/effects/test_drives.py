@@ -90,6 +90,19 @@ def test_lag_beside_events() -> None:
     assert run.states["axle.lag"][run.t < 0.25].max() == 0.0
 
 
+def test_what_begins_later_begins_with_the_motion_of_then() -> None:
+    """A motor on a spring that engages moves as its joint does, which feels nothing; a filter begins at the speed."""
+    pushed, begin = fx.Torque(of_all(0.7 * I)), 0.5
+    motor = fx.ElasticJoint(fx.Torque(of_all(0.14 * I)), of_all(50.0), of_all(0.2 * I))
+    run = tl.simulate(scene(pushed, fx.Engage(motor, at=begin)), accuracy=1e-9)
+    assert_near(run.q[:, 0], 0.35 * run.t**2, 1e-9)  # motor and joint are driven at 0.7 rad/s^2 each
+    pid = fx.PID(of_all(0.0), of_all(0.0), kd=of_all(3.0 * I), filter=of_all(0.1))
+    run = tl.simulate(scene(pushed, fx.Engage(pid, at=begin)), accuracy=1e-9)
+    q, v = 0.35 * begin**2, 0.7 * begin  # q' = v, v' = 0.7 - 3 w, w' = (v - w) / 0.1
+    rates = np.array([[0, 1, 0, 0], [0, 0, -3.0, 0.7], [0, 10.0, -10.0, 0], [0, 0, 0, 0]])
+    assert_near(run.q[-1, 0], (expm((1.0 - begin) * rates) @ [q, v, v, 1.0])[0], 1e-9)
+
+
 @pytest.mark.parts
 def test_motor_by_the_matrix_exponential() -> None:
     """Step response of the armature, the rotor and their coupling."""

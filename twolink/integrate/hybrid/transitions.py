@@ -288,6 +288,7 @@ def _act(run: RunState, n: int, direction: int = 0) -> None:
     before = run.stored_energy() if trigger.changes else 0.0
     if trigger.begins:
         run.mode = replace(run.mode, waiting=run.mode.waiting - {place})
+        _begin_states(run, place)
     if trigger.drops:
         run.mode = replace(run.mode, dropped=run.mode.dropped | {place})  # a payload takes its energy along
     run.ended |= trigger.ends
@@ -300,6 +301,13 @@ def _act(run: RunState, n: int, direction: int = 0) -> None:
         run.require_room(f"`then` of {trigger.name!r}")
     energy = before - run.stored_energy() if trigger.changes else 0.0
     run.note(trigger.kind, trigger.name, energy=energy, effect=place, direction=direction)
+
+
+def _begin_states(run: RunState, place: int) -> None:
+    """Give the states of an effect that begins to act what they begin with: a motor moves as its joint does then."""
+    space, motion = run.system.whole.space, run.motion(run.evaluate())
+    for name, value in run.system.switching.effects[place].acting()[0].states(motion).items():
+        run.x[space.z_rows.start + space.states.index(name)] = np.asarray(value).item()
 
 
 def _checked(changed: Any, nq: int, nv: int, name: str) -> Array:
