@@ -66,6 +66,16 @@ def test_a_controller_that_fails_in_a_world_is_named() -> None:
     assert "Traceback" in refused.value.data["traceback"]
 
 
+def test_a_controller_that_fails_in_a_world_leaves_its_motion_so_far() -> None:
+    control = E.Controller(lambda t, _, s: ([2.0 / (t < 0.25)], s), period=0.1)
+    with pytest.raises(ControllerError, match=r"world 0, effects\[0\] at t = 0.3 s") as refused:
+        tl.simulate_many(tl.Scene(slider(), effects=[control]), 1.0, q=[[0.5], [2.0]])
+    run = refused.value.run
+    assert isinstance(run, tl.Trajectory)
+    assert 0.2 < run.end <= 0.3
+    assert run.at(0.2)[0][0] == pytest.approx(0.5 + 0.2**2, abs=1e-12)  # 2 N on 1 kg
+
+
 def pid(_: float, y: object, state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     e = np.array([0.5, -0.3]) - y.q
     state = state + 0.01 * e

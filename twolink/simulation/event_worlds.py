@@ -3,7 +3,7 @@
 import functools
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -67,8 +67,11 @@ def solve_one_by_one(
         if values:
             own = scene_with(scene, {name: float(value[i]) for name, value in values.items()})
             start = runs_of(own, times, accuracy, verify=verify, contact=contact)
+        run: Trajectory | None
         try:
-            run = _run(start, states[:, i])
+            run = start(states[:, i])
+        except AccuracyError as beyond:
+            run = beyond.run  # the best one; None of a lost world
         except ControllerError as failed:
             raise ControllerError(failed.what, where=f"world {i}, {failed.where}", remedy=failed.remedy,
                                   code=failed.code, run=failed.run, **failed.data) from failed  # fmt: skip
@@ -126,12 +129,3 @@ def runs_of(
             return beyond_located(scene.with_start(x[:nq], x[nq:]), times, error, first, beyond, best_effort=effort)
 
     return stepped if chosen == "stepped" else located
-
-
-def _run(run: Callable[[Array], Trajectory], x: Array) -> Trajectory | None:
-    """A world's run, or the best one where the accuracy cannot be kept; None for a lost world."""
-    try:
-        return run(x)
-    except AccuracyError as error:
-        best: Any = error.run
-        return best if isinstance(best, Trajectory) else None

@@ -134,8 +134,7 @@ def simulate(
         run = run_of(scene, equations, choice, times, accuracy, limit, search=search, measured=measured, verify=verify)
         return only_at(run, wanted, end)
     except ControllerError as error:
-        so_far = Verified(choice, error.run, 0.0, np.arange(len(error.run.t)))
-        error.run = only_at(_trajectory(scene, equations, so_far, times, None), wanted, end)
+        error.run = only_at(error.run, wanted, end)
         raise
     except AccuracyError as error:
         if chosen.method != "located":
@@ -193,11 +192,11 @@ def run_of(
     # SciPy's samples are interpolated: their errors within a step are many times those at its ends.
     checks = np.arange(len(all_times)) if choice.method.kind == "scipy" else spread_out(len(all_times), MAX_CHECKS)
     verification = Verification(equations, all_times, checks, 0.0 if measured else accuracy, progress)
-    if not verify:
-        one = verification.unverified(choice)
-        return _lawful(_trajectory(scene, equations, one, times, None), equations, one.solution)
     search, spent, following = search or Refinement(equations, accuracy), 0.0, choice
     try:
+        if not verify:
+            one = verification.unverified(choice)
+            return _lawful(_trajectory(scene, equations, one, times, None), equations, one.solution)
         while True:
             try:
                 one = verification(following)
@@ -216,11 +215,14 @@ def run_of(
                 spent += one.seconds + one.verify_seconds
                 other = search.after(one)
             if other is None:
-                break
+                raise search.failure()
             following = other
     except OutOfTime as late:
         raise late.with_run(search.best) from None
-    raise search.failure()
+    except ControllerError as error:
+        so_far = Verified(following, error.run, 0.0, np.arange(len(error.run.t)))
+        error.run = _trajectory(scene, equations, so_far, times, None)
+        raise
 
 
 def _with_setting(

@@ -20,7 +20,7 @@ from twolink.errors import QueryError, SceneError
 from twolink.integrate.core.motion import Motion, drive, loop_of
 from twolink.integrate.core.smooth import SmoothMotion
 from twolink.integrate.motion.equations import Equations
-from twolink.integrate.motion.scene_equations import equations_of, sampled, starting_states
+from twolink.integrate.motion.scene_equations import equations_of, sampled, with_starting_states
 from twolink.integrate.motion.state import Array
 from twolink.integrate.solution import Event, events_of
 from twolink.integrate.solver import first_tolerance
@@ -74,14 +74,9 @@ def equations_held(scene: Scene, names: Sequence[str]) -> tuple[Equations, slice
 
 def start_of(scene: Scene, equations: Equations, q: ArrayLike, v: ArrayLike) -> Array:
     """The state (size,) of equations without loops at q, v: effects begin there, and no torques act."""
-    at = (
-        configuration("q", one("q", q, scene.robot.nq), scene.robot.nq, scene.robot.joints),
-        one("v", v, scene.robot.nv),
-    )
-    motion = KinematicState(equations.robot.model, equations.mechanism, list(at[0]), list(at[1]), 0.0, Numbers)
-    effects = scene.effects if equations.switching is None else equations.switching.every
-    z = np.array(list(starting_states(effects, motion).values()), dtype=float)
-    return np.concatenate([*at, z, equations.layout.numbers_at(0.0)])
+    robot = scene.robot
+    at = configuration("q", one("q", q, robot.nq), robot.nq, robot.joints), one("v", v, robot.nv)
+    return np.concatenate([with_starting_states(equations, np.concatenate(at)), equations.layout.numbers_at(0.0)])
 
 
 def one(name: str, value: ArrayLike, size: int) -> Array:

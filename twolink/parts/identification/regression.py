@@ -100,7 +100,8 @@ def fit(
     lengths = np.linalg.norm(columns * weights[..., None], axis=(0, 1))
     scaled = columns / lengths
     length = correlation_length(residuals / noise)
-    ends = np.asarray(blocks if blocks is not None else _block_ends(len(y)))
+    even = np.linspace(0, len(y), min(_BLOCKS, len(y)) + 1).round().astype(int)[1:]
+    ends = even if blocks is None else np.asarray(blocks)
     covariance, by_blocks, slow = _covariance(
         scaled, residuals, weights, noise, full, sure / lengths, ends, length, runs or (len(y),), sigma
     )
@@ -133,10 +134,6 @@ def _solve(
 def rows_of(columns: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """The rows (n nv, r) of columns (n, nv, r), by weights (n, nv) of theirs."""
     return np.asarray((columns * weights[..., None]).reshape(-1, columns.shape[-1]))
-
-
-def _block_ends(n: int) -> np.ndarray:
-    return np.linspace(0, n, min(_BLOCKS, n) + 1).round().astype(int)[1:]
 
 
 def _triangle(columns: np.ndarray) -> np.ndarray:
