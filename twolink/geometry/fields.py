@@ -25,7 +25,7 @@ from twolink.robots.meshes import triangle_mesh
 
 SAME = 1e-9  # m: points that are one, and heights of what lies on the surface
 LEVEL = 1e-6  # rad: what counts as flat
-FARTHER = 4.0  # times as deep as the surface below a corner: what is deeper lies on the far side of a ridge
+FARTHER = 4.0  # times as deep as the surface below a point: what is deeper lies on the far side of a ridge
 
 
 class HeightField(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", tag="height-field"):
@@ -76,9 +76,10 @@ class HeightField(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_f
 
 
 class Spots(NamedTuple):
-    """Ridges (n, 2, 3) and peaks (m, 3) of a surface, and their numbers."""
+    """Ridges (n, 2, 3) and peaks (m, 3) of a surface, and their numbers. sides (n, 2, 3): the normals beside ridges."""
 
     ridges: Array
+    sides: Array
     ridge_numbers: Array
     peaks: Array
     peak_numbers: Array
@@ -119,6 +120,7 @@ class FieldSurface:
         ways /= np.linalg.norm(ways, axis=1)[:, None]
         high = np.einsum("ni,ni->n", np.cross(left, right), ways) > LEVEL
         self.ends, self._numbers, self.ridges, self.planes = ends[high], numbers[high], x[ends[high]], 4 * z.size
+        self._sides = np.stack([left, right], axis=1)[high]
         self.bounds = np.array([self.ridges.min(axis=1)[:, :2], self.ridges.max(axis=1)[:, :2]])
 
     @property
@@ -144,7 +146,8 @@ class FieldSurface:
         """The ridges whose rectangles reach into one, and the peaks at their ends."""
         beside = (self.bounds[0] <= high[:2]).all(axis=1) & (self.bounds[1] >= low[:2]).all(axis=1)
         peaks = np.unique(self.ends[beside])
-        return Spots(self.ridges[beside], self._numbers[beside], self.corners.reshape(-1, 3)[peaks], 4 * peaks + 3)
+        ridges = self.ridges[beside], self._sides[beside], self._numbers[beside]
+        return Spots(*ridges, self.corners.reshape(-1, 3)[peaks], 4 * peaks + 3)
 
     def below(self, x: Array) -> tuple[Array, Array] | None:
         """A corner and the normal of the triangle below a point; None beyond the grid."""

@@ -132,9 +132,20 @@ def _of_edges(surface: FieldSurface, hull: Hull, spots: Spots, reach: float) -> 
             and n[2] > LEVEL
             and min(down) >= -LEVEL
             and surface.supports(p, n)
-            and (gap > -SAME or gap >= FARTHER * surface.height(x) - SAME)
+            and (gap > -SAME or _is_near(surface, x, ways[i], s[i, k], gap * n, spots.sides[k]))
         ):
             yield TouchPoint((len(hull.vertices) + i, int(spots.ridge_numbers[k])), gap, n, 0.5 * (x + p))
+
+
+def _is_near(surface: FieldSurface, x: Array, way: Array, share: float, off: Array, sides: Array) -> bool:
+    """True if an edge in the ground is nearest to the ridge that it crosses, and not to what lies on its far side.
+
+    Of the edge's points x + k way the deepest one is as far below both sides of the ridge. off: from the ridge to x.
+    """
+    tilt = sides[0] - sides[1]
+    more = -(off @ tilt) / (way @ tilt)
+    deepest = sides[0] @ (off + more * way)
+    return bool(0.0 <= share + more <= 1.0 and deepest >= FARTHER * surface.height(x + more * way) - SAME)
 
 
 def _of_faces(surface: FieldSurface, hull: Hull, spots: Spots, reach: float) -> Iterator[TouchPoint]:
@@ -160,7 +171,7 @@ def _of_rims(surface: FieldSurface, ends: Array, radius: float, spots: Spots, re
             hits = (_of_rim_point(surface, x, n) for x, n in zip(centre + radius * ways, normals, strict=True))
             yield from _each_plane(surface, RIMS + 4 * end + number, [hit for hit in hits if hit and hit[0] < reach])
         yield from _of_end(surface, end, centre, out, radius, spots, reach)
-        yield from _of_rim_on_ridges(surface, end, centre, out, radius, spots, reach)
+        yield from _of_rim_on_ridges(surface, end, centre, other, radius, spots, reach)
 
 
 def _of_rim_point(surface: FieldSurface, x: Array, n: Array) -> Hit | None:
@@ -188,10 +199,11 @@ def _of_end(
 
 
 def _of_rim_on_ridges(
-    surface: FieldSurface, end: int, centre: Array, out: Array, radius: float, spots: Spots, reach: float
+    surface: FieldSurface, end: int, centre: Array, other: Array, radius: float, spots: Spots, reach: float
 ) -> Iterator[TouchPoint]:
-    """Crossings of ridges and a rim, as seen along the axis."""
-    ridges = spots.ridges
+    """Crossings of ridges and a rim, as seen along the axis. other: the middle of the other end."""
+    ridges, length = spots.ridges, float(np.linalg.norm(centre - other))
+    out = (centre - other) / length
     flat = ridges - centre - ((ridges - centre) @ out)[..., None] * out
     start, edge = flat[:, 0], flat[:, 1] - flat[:, 0]
     a, b = np.einsum("ni,ni->n", edge, edge), np.einsum("ni,ni->n", start, edge)
@@ -208,12 +220,16 @@ def _of_rim_on_ridges(
             n *= np.copysign(1.0 / size, n[2])
             x, p = centre + radius * radial, ridges[k, 0] + share * way
             gap = float(n @ (x - p))
-            inside = start[k] + np.clip(-b[k] / a[k], 0.0, 1.0) * edge[k]
-            beside = FARTHER * (radius - float(np.linalg.norm(inside)))  # else the side has the smaller overlap
+            share = float(np.clip(-b[k] / a[k], 0.0, 1.0))  # of the ridge's deepest point below the side
+            beside = FARTHER * (radius - float(np.linalg.norm(start[k] + share * edge[k]))) + SAME
+            deep = (x - p) @ out, (centre - ridges[k, 0] - share * way) @ out  # below the end
+            tangent = radius * np.cross(out, radial)
             if (
                 gap < reach
-                and (x - p) @ out < beside + SAME
+                and deep[0] < length
+                and min(deep) < beside  # else the side has the smaller overlap
                 and min(-n @ out, -n @ radial) >= -LEVEL
                 and surface.supports(p, n)
+                and (gap > -SAME or _is_near(surface, x, tangent, 0.5, x - p, spots.sides[k]))
             ):
                 yield TouchPoint((CROSSINGS + 2 * end + number, int(spots.ridge_numbers[k])), gap, n, 0.5 * (x + p))

@@ -40,6 +40,14 @@ tl_triangle tl_triangle_of(const tl_field *f, int i, int k, int half) {
   return out;
 }
 
+/* The normals on the left and on the right of the ridge that begins at a corner: a diagonal, one along x, one along y. */
+void tl_ridge_sides(const tl_field *f, int i, int k, int kind, double *left, double *right) {
+  const tl_triangle a = tl_triangle_of(f, kind == 2 ? i - 1 : i, k, kind == 0);
+  const tl_triangle b = tl_triangle_of(f, i, kind == 1 ? k - 1 : k, kind != 0);
+  tl_copy3(a.normal, left);
+  tl_copy3(b.normal, right);
+}
+
 /* Whether a triangle lies below a point, and which. */
 int tl_below(const tl_field *f, const double *x, tl_triangle *out) {
   int number[2];

@@ -20,6 +20,7 @@ tl_cells tl_cells_over(const tl_field *f, const double *low, const double *high)
 tl_cells tl_cells_within(const tl_field *f, const double *x, double near);
 void tl_field_corner(const tl_field *f, int i, int k, double *out);
 tl_triangle tl_triangle_of(const tl_field *f, int i, int k, int half);
+void tl_ridge_sides(const tl_field *f, int i, int k, int kind, double *left, double *right);
 int tl_below(const tl_field *f, const double *x, tl_triangle *out);
 double tl_height_above(const tl_triangle *one, const double *x);
 void tl_nearest_of_triangle(const tl_triangle *one, const double *x, double *out);

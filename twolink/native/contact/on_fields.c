@@ -137,6 +137,23 @@ static void on_line(const field_body *b, const spot *at) {
   if (tl_supports(b->f, p, line)) add(b, SIDE, at->number, gap, line, p, 0.5 * gap);
 }
 
+/* Whether an edge in the ground is nearest to the ridge that it crosses, and not to what lies on its far side. Of the edge's
+points x + k way the deepest one is as far below both sides of the ridge. off: from the ridge to x. */
+static int is_near(const field_body *b, const double *x, const double *way, double share, const double *off, const spot *ridge) {
+  const int vertex = (int)(ridge->number / 4), ny = b->f->count[1];
+  double left[3], right[3], tilt[3], y[3], deepest[3];
+  tl_triangle under;
+  tl_ridge_sides(b->f, vertex / ny, vertex % ny, (int)(ridge->number % 4), left, right);
+  tl_minus(left, right, tilt);
+  const double more = -tl_dot(off, tilt) / tl_dot(way, tilt);
+  tl_copy3(x, y);
+  tl_copy3(off, deepest);
+  tl_add_scaled(more, way, y);
+  tl_add_scaled(more, way, deepest);
+  if (!(share + more >= 0 && share + more <= 1 && tl_below(b->f, y, &under))) return 0;
+  return tl_dot(left, deepest) >= FARTHER * tl_height_above(&under, y) - TL_SAME;
+}
+
 /* The edges of a hull that cross a ridge. */
 static void on_edges(const field_body *b, const spot *ridge) {
   for (int k = 0; k < b->hull->edges; k++) {
@@ -157,9 +174,7 @@ static void on_edges(const field_body *b, const spot *ridge) {
     tl_cross(b->solid->normal + 3 * sides[0], n, left);
     tl_cross(b->solid->normal + 3 * sides[1], n, right);
     if (!(gap < b->reach && n[2] > TL_LEVEL && tl_dot(left, u) <= TL_LEVEL && tl_dot(right, u) >= -TL_LEVEL)) continue;
-    tl_triangle under;
-    const double deep = gap > -TL_SAME ? -INFINITY : tl_below(b->f, x, &under) ? tl_height_above(&under, x) : INFINITY;
-    if (gap >= FARTHER * deep - TL_SAME && tl_supports(b->f, p, n))
+    if (tl_supports(b->f, p, n) && (gap > -TL_SAME || is_near(b, x, way, s, apart, ridge)))
       add(b, b->hull->vertices + k, ridge->number, gap, n, p, 0.5 * gap);
   }
 }
@@ -230,16 +245,20 @@ static void on_end(const field_body *b, int end, const spot *peak) {
 static void on_crossings(const field_body *b, int end, const spot *ridge) {
   const double radius = b->one->radius;
   double out[3], start[3], edge[3], inside[3];
-  outward(b, end, out);
+  tl_minus(b->ends[end], b->ends[!end], out);
+  const double length = tl_length(out);
+  for (int i = 0; i < 3; i++) out[i] /= length;
   tl_minus(ridge->start, b->ends[end], start);
+  const double begin = tl_dot(start, out);
   tl_add_scaled(-tl_dot(start, out), out, start);
   tl_copy3(ridge->way, edge);
   tl_add_scaled(-tl_dot(edge, out), out, edge);
   const double a = tl_dot(edge, edge), c = tl_dot(start, edge), inner = c * c - a * (tl_dot(start, start) - radius * radius);
   if (!(inner > 0 && a > TL_SAME * TL_SAME)) return;
   tl_copy3(start, inside);
-  tl_add_scaled(tl_limited(-c / a, 0, 1), edge, inside);
-  const double beside = FARTHER * (radius - tl_length(inside)); /* else the side has the smaller overlap */
+  const double deepest = tl_limited(-c / a, 0, 1); /* of the ridge, below the side */
+  tl_add_scaled(deepest, edge, inside);
+  const double beside = FARTHER * (radius - tl_length(inside)) + TL_SAME, deep = -begin - deepest * tl_dot(ridge->way, out);
   for (int root = 0; root < 2; root++) {
     const double share = (-c + (root ? 1 : -1) * sqrt(inner)) / a;
     double radial[3], tangent[3], n[3], x[3], p[3], apart[3];
@@ -254,9 +273,11 @@ static void on_crossings(const field_body *b, int end, const spot *ridge) {
     tl_copy3(ridge->start, p);
     tl_add_scaled(share, ridge->way, p);
     tl_minus(x, p, apart);
-    const double gap = tl_dot(n, apart);
-    if (!(gap < b->reach && tl_dot(apart, out) < beside + TL_SAME)) continue;
+    const double gap = tl_dot(n, apart), own = tl_dot(apart, out); /* below the end */
+    if (!(gap < b->reach && own < length && (own < beside || deep < beside))) continue; /* the side has the smaller overlap */
     if (!(-tl_dot(n, out) >= -TL_LEVEL && -tl_dot(n, radial) >= -TL_LEVEL) || !tl_supports(b->f, p, n)) continue;
+    for (int i = 0; i < 3; i++) tangent[i] *= radius;
+    if (!(gap > -TL_SAME) && !is_near(b, x, tangent, 0.5, apart, ridge)) continue;
     for (int i = 0; i < 3; i++) p[i] = 0.5 * (x[i] + p[i]);
     add(b, CROSSINGS + 2 * end + root, ridge->number, gap, n, p, 0);
   }
