@@ -11,7 +11,7 @@ import numpy as np
 
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.formulas import traced_rate
-from twolink.integrate.solvers.taylor import COMPANION, RESTORING, exact_constants
+from twolink.integrate.solvers.taylor import COMPANION, exact_constants, with_companion
 
 DIGITS = 256  # bits of constants
 
@@ -92,13 +92,9 @@ def integrator(equations: Equations, tolerance: float, precision: str, **options
     exact = {name: module.expression(module.real(value, DIGITS)) for name, value in exact_constants(equations).items()}
     system = system_of(equations, {} if precision == "double" else exact)
     x, rate = (np.array(part, dtype=object) for part in zip(*system, strict=True))
-    companion = (x * rate).sum() / (COMPANION + (x * x).sum())
-    for joint in equations.space.curved:
-        if joint.normalized is not None:
-            part = x[joint.normalized]
-            rate[joint.normalized] = rate[joint.normalized] + part * ((1.0 - (part * part).sum()) * RESTORING)
+    rates = with_companion(equations, x, rate)
     start = np.append(equations.start[: len(x)], 0.5 * np.log(COMPANION + np.square(equations.start[: len(x)]).sum()))
-    made = module.taylor_adaptive([*zip(x, rate, strict=True), (module.expression("u"), companion)], start.astype(kind),
+    made = module.taylor_adaptive([*zip([*x, module.expression("u")], rates, strict=True)], start.astype(kind),
                                   fp_type=kind, tol=kind(tolerance), **options)  # fmt: skip
     made.pars[:] = equations.start[len(x) :].astype(kind)[: len(made.pars)]
     return made

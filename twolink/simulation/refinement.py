@@ -200,9 +200,10 @@ class Refinement:
 
     def failure(self) -> AccuracyError:
         """The error where nothing is left."""
-        if self.lost is not None and not _is_finite(self.best):
-            return self.lost
-        run, what = self.best, f"{self.accuracy:g} cannot be kept in {self._digits} precision"
+        run, lost = self.best, self.lost
+        if lost is not None and (run is None or run.error is None or not np.isfinite(run.error[-1])):
+            return lost
+        what = f"{self.accuracy:g} cannot be kept in {self._digits} precision"
         more = "quad" if self._digits == "double" and self.equations.analytic and library() is not None else ""
         also = ['precision="auto"'] if more else []
         data: dict[str, Any] = {"code": "accuracy-limit", "precision": more, "tried": self.tried}
@@ -261,11 +262,6 @@ def _at_least(bar: np.ndarray, other: np.ndarray) -> np.ndarray:
 def _worth(run: Trajectory) -> tuple[float, float]:
     """Until when a run is within the accuracy; of equal ones, how small its bar is at the end."""
     return run.trusted_until or 0.0, -np.inf if run.error is None else -float(run.error[-1])
-
-
-def _is_finite(run: Trajectory | None) -> bool:
-    """True if a run has an error bar at its end."""
-    return run is not None and run.error is not None and bool(np.isfinite(run.error[-1]))
 
 
 def _largest(part: np.ndarray | None) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from twolink.algorithms.functions import function
-from twolink.algorithms.mechanism import mechanism, nominal_values
+from twolink.algorithms.mechanism import Mechanism, mechanism, nominal_values
 from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.namespaces import Numbers
 from twolink.algorithms.tape import Tape, collection_paused
@@ -146,8 +146,8 @@ def make_equations(
         start, moved = closed, np.abs(closed - start)
         constraints = independent(rows, start[: robot.nq])
     if states is None:
-        motion = KinematicState(robot.model, mech, list(start[: robot.nq]), list(start[robot.nq :]), 0.0, Numbers)
-        states = starting_states([e for _, e in effects] if switching is None else switching.every, motion)
+        begun = [e for _, e in effects] if switching is None else switching.every
+        states = starting_states(begun, robot, mech, start)
     layout = layout_of(robot, [e for _, e in (*acting, *loops)], lockable, tuple(states))
     equations = Equations(
         layout,
@@ -168,9 +168,10 @@ def make_equations(
                    effort_limits=_effort_limits(equations))  # fmt: skip
 
 
-def starting_states(effects: Sequence[Effect], motion: KinematicState) -> dict[str, Any]:
-    """The states of effects at the start, by name. Raises SceneError, code "state-twice"."""
-    found: dict[str, Any] = {}
+def starting_states(effects: Sequence[Effect], robot: Robot, mech: Mechanism, x: Array) -> dict[str, Any]:
+    """The states of effects at a start x (nq + nv, ...), by name. Raises SceneError, code "state-twice"."""
+    found, nq = dict[str, Any](), robot.nq
+    motion = KinematicState(robot.model, mech, list(x[:nq]), list(x[nq:]), 0.0, Numbers)
     for effect in effects:
         for name, value in effect.states(motion).items():
             if name in found:
@@ -184,10 +185,10 @@ def decides_states(scene: Scene, name: str) -> bool:
     """True if which states effects have depends on whether the number of this name is 0, as of the gains of a PID."""
     if not name.startswith(PREFIX):
         return False
-    robot = scene.robot
-    motion = KinematicState(robot.model, mechanism(robot.model), list(scene.q), list(scene.v), 0.0, Numbers)
-    none, some = (with_effect_number(scene.effects, name, number) for number in (0.0, 1.0))
-    return starting_states(none, motion).keys() != starting_states(some, motion).keys()
+    mech, start = mechanism(scene.robot.model), np.concatenate([scene.q, scene.v])
+    none, some = (starting_states(with_effect_number(scene.effects, name, number), scene.robot, mech, start)
+                  for number in (0.0, 1.0))  # fmt: skip
+    return none.keys() != some.keys()
 
 
 def require_no_states(equations: Equations, what: str) -> None:
@@ -204,9 +205,7 @@ def with_starting_states(equations: Equations, x: Array, values: Mapping[str, Ar
         return x
     acting, switching = with_effect_numbers(equations, values or {}).effects, equations.switching
     effects = acting if switching is None else switching.every
-    model, nq = equations.robot.model, equations.space.nq
-    motion = KinematicState(model, equations.mechanism, list(x[:nq]), list(x[nq:]), 0.0, Numbers)
-    states = starting_states(effects, motion).values()
+    states = starting_states(effects, equations.robot, equations.mechanism, x).values()
     return np.concatenate([x, *(np.broadcast_to(z, x.shape[1:])[None] for z in states)])
 
 

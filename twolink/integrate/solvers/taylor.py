@@ -72,13 +72,18 @@ def _traced(equations: Equations, names: list[str]) -> Assembled:
     tape, size, moving = Tape(), equations.space.size, equations.moving
     z: Any = tape.variables(1 + size + len(names))
     x, constants = z[1 : 1 + size], dict(zip(names, z[1 + size :], strict=True))
-    rate, x = traced_rate(equations, z[0], x, tape, constants)[:moving], x[:moving]
+    rate = traced_rate(equations, z[0], x, tape, constants)[:moving]
+    return assembled(tape, z, with_companion(equations, x[:moving], rate))
+
+
+def with_companion(equations: Equations, x: Any, rate: Any) -> list[Any]:
+    """Rates of states, those of what has length 1 restored to it, and the companion's."""
     companion = (x * rate).sum() / (COMPANION + (x * x).sum())
     for joint in equations.space.curved:
         if joint.normalized is not None:
             part = x[joint.normalized]
             rate[joint.normalized] = rate[joint.normalized] + part * ((1.0 - (part * part).sum()) * RESTORING)
-    return assembled(tape, z, [*rate, companion])
+    return [*rate, companion]
 
 
 ROUNDING_UNIT: dict[Precision, float] = {"double": 2.2e-16, "extended": 2.5e-32, "quad": 2.7e-48}
