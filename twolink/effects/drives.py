@@ -359,8 +359,9 @@ class MotorOnSpring(Drive, frozen=True):
         loads.torques(torques)
 
     def force(self, joint: str, twist: Scalar, rate: Scalar, loads: Loads, xp: Any) -> Scalar:
-        """f, the torque on the joint, from d = theta - q and its rate."""
-        raise NotImplementedError
+        """f, the torque on the joint, from d = theta - q and its rate: k d + c d^3 + b d'."""
+        del loads, xp
+        return self.spring(joint, twist, rate)
 
     def spring(self, joint: str, twist: Scalar, rate: Scalar) -> Scalar:
         """k d + c d^3 + b d'."""
@@ -398,11 +399,6 @@ class ElasticJoint(MotorOnSpring, frozen=True):
     Spong 1987, Journal of Dynamic Systems, Measurement, and Control 109(4), 310-318. Tuttle, Seering 1996, IEEE
     Transactions on Robotics and Automation 12(3), 368-374 (cubic stiffness of harmonic drives).
     """
-
-    def force(self, joint: str, twist: Scalar, rate: Scalar, loads: Loads, xp: Any) -> Scalar:
-        """k d + c d^3 + b d'."""
-        del loads, xp
-        return self.spring(joint, twist, rate)
 
 
 class Backlash(MotorOnSpring, frozen=True):

@@ -16,13 +16,7 @@ from twolink.io.fingerprints import trees_of
 from twolink.io.text import Table
 from twolink.robots import load_report
 from twolink.robots.catalogue import catalogue_entry, catalogue_names, examples_share, open_source
-from twolink.robots.checks import (
-    check_agreement,
-    check_bodies,
-    check_mimic,
-    weightless_joints,
-    without_inertia,
-)
+from twolink.robots.checks import check_agreement, check_bodies, check_mimic, weightless_joints, without_inertia
 from twolink.robots.formats import describe
 from twolink.robots.joint_layout import (
     NO_LIMIT,

@@ -241,10 +241,7 @@ def _digits(more: tuple[Precision, ...], accuracy: float) -> list[str]:
 
 def _of_steps(scene: Scene, chosen: Choice, accuracy: float, length: float) -> Explanation:
     """Explain a scene whose contacts are stepped through."""
-    from twolink.contact.solver import (
-        solve_stepped,
-        stepper_of,  # which other scenes do not load
-    )
+    from twolink.contact.solver import solve_stepped, stepper_of  # which other scenes do not load
     from twolink.simulation.stepped_run import FIRST, most_steps
 
     stepper = stepper_of(scene)

@@ -27,14 +27,7 @@ from twolink.simulation.certificate import certificate
 from twolink.simulation.cost import Cost
 from twolink.simulation.error_bar import SLACK
 from twolink.simulation.refinement import PATIENCE, Refinement, first_choice, precisions_of
-from twolink.simulation.sampling import (
-    duration_for,
-    only_at,
-    sample_times,
-    spread_out,
-    with_check_times,
-    with_ends,
-)
+from twolink.simulation.sampling import duration_for, only_at, sample_times, spread_out, with_check_times, with_ends
 from twolink.simulation.time_limit import OutOfTime, TimeLimit
 from twolink.simulation.trajectory import Trajectory
 from twolink.simulation.verification import Verification

@@ -42,14 +42,7 @@ from twolink.integrate.steps.perturbation import (
     disturbed_solutions,
     finer_solution,
 )
-from twolink.simulation.error_bar import (
-    CHANCE,
-    DISTURBED,
-    ENOUGH,
-    SLACK,
-    distances,
-    truncation_factor,
-)
+from twolink.simulation.error_bar import CHANCE, DISTURBED, ENOUGH, SLACK, distances, truncation_factor
 from twolink.simulation.verified import ALONE, Verified
 
 # Disturbed solutions as columns of a batch with the run: more where rounding counts, as it does below FINE (rad or m).

@@ -15,14 +15,7 @@ import numpy as np
 from twolink.integrate.motion.equations import Equations
 from twolink.integrate.motion.state import Array, StateSpace
 from twolink.integrate.steps.methods import ITERATIONS, Method, Tableau
-from twolink.integrate.steps.step_control import (
-    ROWS,
-    Step,
-    StepProblem,
-    adaptive_advance,
-    control_rows,
-    fixed_advance,
-)
+from twolink.integrate.steps.step_control import ROWS, Step, StepProblem, adaptive_advance, control_rows, fixed_advance
 from twolink.native.stepper import Disturbances
 
 MAX_NUMBERS = 200_000  # in the Jacobians of one call

@@ -20,15 +20,7 @@ from twolink.errors import AccuracyError, SceneError, TwolinkError
 from twolink.integrate.motion.scene_equations import equations_of
 from twolink.integrate.steps.methods import METHODS
 from twolink.parts.sweeps.design import OF_VARIANTS, Design, RunInputs, Variant
-from twolink.parts.sweeps.outputs import (
-    DONE,
-    FAILED,
-    INACCURATE,
-    Request,
-    column_of,
-    function_of,
-    variables,
-)
+from twolink.parts.sweeps.outputs import DONE, FAILED, INACCURATE, Request, column_of, function_of, variables
 from twolink.scenes import Scene
 from twolink.scenes.parameters import Parameter, scene_with
 from twolink.simulation.event_worlds import runs_of
