@@ -208,6 +208,39 @@ def test_one_of_two_coupled_joints_with_friction() -> None:
     assert_near(times(run, "slip"), [2.0], 1e-9)
 
 
+@pytest.mark.parametrize("ratio", [1.0, -2.0, 0.5])
+@pytest.mark.parametrize("static", [(2.0, 1.0), (3.0, 2.5)], ids=["as kinetic", "above kinetic"])
+def test_coupled_joints_with_friction_hold_what_both_can(ratio: float, static: tuple[float, float]) -> None:
+    """1 kg and 2 kg: (1 + 2 r^2) x'' = t - c_1 - |r| c_2 from t = s_1 + |r| s_2 on, and before that they rest."""
+    friction = E.DryFriction({"one": 2.0, "two": 1.0}, dict(zip(("one", "two"), static, strict=True)))
+    effects = [E.Coupling("two", "one", ratio), friction, E.Torque({"one": E.Polynomial((0.0, 1.0))})]
+    run = solved(sliders(), effects, 9.0)
+    begin, brake, mass = static[0] + abs(ratio) * static[1], 2.0 + abs(ratio), 1 + 2 * ratio**2
+    late, first = np.fmax(run.t, begin) - brake, begin - brake
+    expected = ((late**3 - first**3) / 6 - first**2 * (late - first) / 2) / mass
+    assert_near(run.q, expected[:, None] * [1.0, ratio], 1e-9)
+    assert_near(times(run, "slip")[:1], [begin], 1e-9)
+
+
+@pytest.mark.parametrize("load", [-4.49, 4.49])
+def test_coupled_joints_rest_under_a_load_that_one_of_them_alone_does_not_hold(load: float) -> None:
+    effects = [E.Coupling("two", "one", -0.5), E.DryFriction({"one": 3.0, "two": 3.0}), E.Torque({"one": load})]
+    run = solved(sliders(), effects, 1.0)
+    assert np.all(run.q == 0)
+    assert not run.events
+
+
+def test_joints_of_a_four_bar_with_friction_hold_what_all_can() -> None:
+    """A parallelogram, whose angles change alike: the load at its crank is that of all three when it begins to slip."""
+    given = tl.load_scene("four-bar")
+    static = {"left": 0.5, "left_top": 0.6, "middle": 0.7}
+    effects = [*given.effects[1:], E.Torque({"left": E.Polynomial((0.0, 4.0))}),
+               E.DryFriction(dict.fromkeys(static, 0.3), static)]  # fmt: skip
+    run = solved(given.base, effects, 0.5, given.q)
+    assert_near(times(run, "slip"), [sum(static.values()) / 4.0], 1e-9)
+    assert np.all(run.v[run.t < 0.45] == 0)
+
+
 def test_friction_of_nothing_is_no_friction() -> None:
     run = solved(slider(), [E.JointSpring({"x": 4.0}), E.DryFriction({"x": 0.0})], 10.0, [1.0])
     assert_near(run.q[:, 0], np.cos(2 * run.t), 1e-9)

@@ -23,6 +23,7 @@ import numpy as np
 from twolink.algorithms.namespaces import Numbers
 from twolink.effects.switching import ContactPoint, Switching
 from twolink.errors import AccuracyError
+from twolink.integrate.hybrid.contact_problem import shared_limits
 from twolink.integrate.hybrid.force_share import Support, margins
 from twolink.integrate.hybrid.snapshot import Evaluator, Kinematics, Snapshot
 from twolink.integrate.motion.equations import Equations
@@ -222,6 +223,8 @@ def _joint_forces(states: _States, look: Snapshot, load: Array) -> Broken:
     for k, locked, friction, torque in zip(states.equations.layout.lockable, *states.locks, look.locks, strict=True):
         least, greatest = _limits(states, k)
         alone = locked & (not _redundant(states.equations))
+        for i in np.flatnonzero(alone & ((torque > greatest) | (torque < least))):
+            least[i], greatest[i] = _with_others(states, int(i))[k]
         yield "forces", np.where(alone, np.maximum(torque - greatest, least - torque) / load, 0.0)
         kinetic, v = sum(lock.kinetic for _, lock in states.switching.locks if lock.dof == k), states.v[k]
         slips = ~locked & (np.abs(v) > RELATIVE * states.speed)
@@ -275,6 +278,19 @@ def _limits(states: _States, k: int) -> tuple[Array, Array]:
                            np.zeros(len(states.t)))
                        for limits in ([h.least for h in locks], [h.greatest for h in locks]))  # fmt: skip
     return least, greatest
+
+
+def _with_others(states: _States, i: int) -> dict[int, tuple[float, float]]:
+    """The torques (least, greatest) that can lock each joint that is locked in state i, with those of joints beside it.
+
+    Loops may let other joints at rest, whose locks are redundant then, hold what one holds.
+    """
+    (locked, friction), lockable = states.locks, np.array(states.equations.layout.lockable)
+    resting = lockable[locked[:, i] | (friction[:, i] == 0.0)].tolist()
+    limits = {k: (float(least[i]), float(greatest[i])) for k in resting for least, greatest in [_limits(states, k)]}
+    constraints, q = states.equations.constraints, states.x[: states.equations.space.nq, i]
+    loops = np.empty((0, len(states.v))) if constraints is None else constraints.jacobian_at(q, constraints.kept)
+    return shared_limits(loops, limits, set(lockable[locked[:, i]].tolist()))
 
 
 def _with_static(switching: Switching, loop: Any) -> Any:

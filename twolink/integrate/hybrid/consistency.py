@@ -19,6 +19,7 @@ from twolink.integrate.hybrid.contact_problem import (
     contact_bias,
     contact_rows,
     inverse_under,
+    lock_limits,
     loop_rows,
     mass_matrix,
     sliding_of,
@@ -154,9 +155,8 @@ def _is_lawful(state: ModeState, still: float) -> bool:
     if own.redundant:
         lawful = float(share_of(state).best(snapshot).margin[0]) >= -allowed
     else:
-        lawful = all(least - allowed <= torque <= greatest + allowed for torque, (least, greatest) in (
-            (float(snapshot.locks[i, 0]), system.torque_range(k, state.x)) for i, k in enumerate(system.lockable)
-            if k in mode.locked))  # fmt: skip
+        lawful = all(least - allowed <= snapshot.locks[system.lockable.index(k), 0] <= greatest + allowed
+                     for k, (least, greatest) in lock_limits(state).items())  # fmt: skip
         for i, kind in enumerate(mode.contacts):
             if kind != "free":
                 normal, *across = own.contact_forces(snapshot, i)[:, 0]

@@ -14,7 +14,8 @@ Source: Jourdan, Alart, Jean, Comput. Methods Appl. Mech. Engrg. 155 (1998) 31-4
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -34,6 +35,8 @@ NEWTON, SHORTEST = 50, 1e-3  # steps, and the shortest share of one
 RANK = 1e-10  # relative: a gain below it is 0
 UNCHANGED = 1e-13  # relative to the largest acceleration: what breaks no law
 MOVES = 1e-9  # relative to the largest acceleration: what begins to move
+FOLLOWS = 1e-7  # rows of loops below it are 0
+Limits = tuple[float, float]  # (least, greatest) of a torque, N m or N
 
 
 @dataclass(frozen=True)
@@ -267,6 +270,34 @@ def loop_rows(state: ModeState) -> Array:
     of_contacts = {row for rows in state.own.rows.values() for row in rows}
     kept = [number for row, number in enumerate(constraints.kept) if row not in of_contacts]
     return constraints.jacobian_at(state.x[: state.system.nq], kept)
+
+
+def lock_limits(state: ModeState) -> dict[int, Limits]:
+    """The torques (least, greatest) that can lock each joint that is locked, with what `shared_limits` adds."""
+    system, mode = state.system, state.mode
+    limits = {k: system.torque_range(k, state.x) for k in system.lockable if not mode.slip.get(k) or k in mode.locked}
+    if len(limits) == len(mode.locked) or state.own.equations.constraints is None:
+        return limits
+    return shared_limits(loop_rows(state), limits, mode.locked)
+
+
+def shared_limits(loops: Array, limits: Mapping[int, Limits], locked: AbstractSet[int]) -> dict[int, Limits]:
+    """The limits of the torques that lock joints, with those of joints at rest that move as one of them does.
+
+    Loops make the locks of these redundant: v_j = b v_k for all that the loops (m, nv) and the other locks allow, and a
+    torque of joint j does what b times that does at joint k. Where v_j follows several, nothing is added.
+    """
+    order = sorted(locked)
+    out, rows = {k: limits[k] for k in order}, np.concatenate([loops, np.eye(loops.shape[1])[order]])
+    for j in limits.keys() - locked:
+        unit = np.eye(loops.shape[1])[j]
+        factors = np.linalg.lstsq(rows.T, unit, rcond=None)[0]
+        follows = np.flatnonzero(np.abs(factors[len(loops) :]) > FOLLOWS)
+        if len(follows) == 1 and np.abs(rows.T @ factors - unit).max() < FOLLOWS:
+            k, b = order[follows[0]], float(factors[len(loops) + follows[0]])
+            ends = sorted(b * end for end in limits[j])
+            out[k] = out[k][0] + ends[0], out[k][1] + ends[1]
+    return out
 
 
 def inverse_under(mass: Array, fixed: Array) -> Array:

@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from twolink.integrate.hybrid.contact_problem import lock_limits
 from twolink.integrate.hybrid.modes import Mode, ModeEquations, ModeState, contact_places
 from twolink.integrate.hybrid.snapshot import Evaluator, Snapshot
 from twolink.integrate.motion.equations import Equations
@@ -81,11 +82,9 @@ class Support:
 
 def share_of(state: ModeState) -> ForceDistributionProblem:
     """The shares of the forces of what touches and what is locked in a state of its mode."""
-    system, mode = state.system, state.mode
-    supports = [
-        Support(i, k, *system.torque_range(k, state.x)) for i, k in enumerate(system.lockable) if k in mode.locked
-    ]
-    return ForceDistributionProblem(state.own, mode, np.array([one.static for one in system.contacts]), supports)
+    system = state.system
+    supports = [Support(system.lockable.index(k), k, *limits) for k, limits in lock_limits(state).items()]
+    return ForceDistributionProblem(state.own, state.mode, np.array([one.static for one in system.contacts]), supports)
 
 
 class ForceDistributionProblem:

@@ -12,6 +12,7 @@ import numpy as np
 from twolink.effects.switching import Trigger, same_time
 from twolink.errors import SceneError
 from twolink.integrate.hybrid.consistency import ALLOWED, SLOW
+from twolink.integrate.hybrid.contact_problem import lock_limits
 from twolink.integrate.hybrid.force_share import EMPTY, TIGHT, ForceDistributionProblem, share_of
 from twolink.integrate.hybrid.impacts import catch_touch, contact_touch, onto_contact, resolved, stop_touch
 from twolink.integrate.hybrid.locating import Guard, Key
@@ -51,12 +52,12 @@ def _every_guard(run: RunState) -> Iterator[Guard]:
 
 def _joint_guards(run: RunState) -> Iterator[Guard]:
     """Locks that may be overcome, joints that may come to rest, stops that may be hit."""
-    system, mode, x, t = run.system, run.mode, run.x, run.t
+    system, mode, x, t, limits = run.system, run.mode, run.x, run.t, lock_limits(run)
     for i, k in enumerate(system.lockable):
         if k in mode.locked:
             if run.own.redundant:
                 continue  # its share is watched
-            for torque, side in zip(system.torque_range(k, x), (1.0, -1.0), strict=True):
+            for torque, side in zip(limits[k], (1.0, -1.0), strict=True):
                 if math.isfinite(torque):  # the lock gives more than the least torque, and less than the greatest
                     yield Guard((f"lock {side:+g}", k), partial(_row, "locks", i, side, torque),
                                 partial(_free_joint, k, -side), t, of="force")  # fmt: skip
