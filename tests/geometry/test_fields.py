@@ -137,6 +137,23 @@ def test_on_rough_ground_bodies_touch_where_coal_says(kind: str, steep: float) -
         assert apart(turn, place + (2e-5 - gap) * least.normal) == pytest.approx(2e-5, abs=1e-6)
 
 
+@pytest.mark.parametrize("kind", SHAPES)
+def test_points_keep_their_names_when_more_are_within_reach(kind: str) -> None:
+    """Else the memory of one is taken for that of another one, at which forces then act at a distance."""
+    random = np.random.default_rng(4)
+    surface = surface_of(E.HeightField(random.uniform(0.0, 0.3, (9, 9)), (0.1, 0.12), (-0.4, -0.48, 0.0)))
+    body = FieldBody(SHAPES[kind])
+    for _ in range(8):
+        turn, height = pin.Quaternion(*random.normal(size=4)).normalized().matrix(), 0.2
+        while any(touch.gap < -5e-3 for touch in body.touches(surface, turn, np.array([0.0, 0.0, height]), 0.0)):
+            height += 5e-3
+        few, many = (body.touches(surface, turn, np.array([0.0, 0.0, height]), reach) for reach in (0.02, 0.06))
+        named = {touch.name: touch.normal for touch in many}
+        assert len(named) == len(many)
+        for touch in few:
+            assert named[touch.name] == pytest.approx(touch.normal, abs=1e-12)
+
+
 @pytest.mark.parametrize(("field", "where", "part"), [
     (E.HeightField(((0.0, 1.0),)), "heights", "at least 2 x 2"),
     (E.HeightField(((0.0, 1.0), (0.0,))), "heights", "rows of one length"),

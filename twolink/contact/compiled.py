@@ -265,7 +265,8 @@ class _Scene:
 
 
 def _field(one: FieldSurface) -> tuple[Any, Any]:
-    return [*one.heights.shape, *one.marks.ravel()], [*one.cell, *one.origin, one.top, *one.heights.ravel()]
+    whole = [*one.heights.shape, *one.marks.ravel(), *one.plane_of.ravel()]
+    return whole, [*one.cell, *one.origin, one.top, *one.heights.ravel()]
 
 
 def _rims_of(group: RimsOnPlanes) -> Iterable[tuple[int, int, RimGap]]:

@@ -92,6 +92,8 @@ class FieldSurface:
     of edges beside which both triangles lie lower; ends (n, 2): their corners; bounds (2, n, 2): of each the least and
     the largest x and y. Peaks are the corners at which ridges end. The number of a ridge is 4 times its first corner's
     and 0 of a diagonal, 1 along x, 2 along y; that of a peak 4 times the corner's and 3. planes: above all of these.
+    numbers, plane_of (nx - 1, ny - 1, 2): of each triangle its number, and that of the first triangle in its plane of
+    those that hang together.
     """
 
     def __init__(self, field: HeightField) -> None:
@@ -109,11 +111,15 @@ class FieldSurface:
         self._per_along = self._along / np.square(self._along).sum(axis=-1, keepdims=True)
         self._inward = np.cross(n[..., None, :], self._along)
         at = np.arange(z.size).reshape(z.shape)
-        kinds = ((at[:-1, :-1], at[1:, 1:], n[:, :, 1], n[:, :, 0]),
-                 (at[:-1, 1:-1], at[1:, 1:-1], n[:, 1:, 0], n[:, :-1, 1]),
-                 (at[1:-1, :-1], at[1:-1, 1:], n[:-1, :, 0], n[1:, :, 1]))  # fmt: skip
-        ends = np.concatenate([np.stack([start, end], axis=-1).reshape(-1, 2) for start, end, *_ in kinds])
-        left, right = (np.concatenate([kind[side].reshape(-1, 3) for kind in kinds]) for side in (2, 3))
+        here = np.arange(n[..., 0].size).reshape(n.shape[:3])
+        kinds = ((at[:-1, :-1], at[1:, 1:], here[:, :, 1], here[:, :, 0]),
+                 (at[:-1, 1:-1], at[1:, 1:-1], here[:, 1:, 0], here[:, :-1, 1]),
+                 (at[1:-1, :-1], at[1:-1, 1:], here[:-1, :, 0], here[1:, :, 1]))  # fmt: skip
+        ends, beside = (np.concatenate([np.stack(kind[i : i + 2], axis=-1).reshape(-1, 2) for kind in kinds])
+                        for i in (0, 2))  # fmt: skip
+        left, right = (n.reshape(-1, 3)[one] for one in beside.T)
+        self.numbers = here
+        self.plane_of = _first_of_each(beside[np.abs(left - right).max(axis=1) < LEVEL], here.size).reshape(here.shape)
         numbers = np.concatenate([4 * kind[0].ravel() + k for k, kind in enumerate(kinds)])
         x = x.reshape(-1, 3)
         ways = x[ends[:, 1]] - x[ends[:, 0]]
@@ -131,9 +137,9 @@ class FieldSurface:
         return np.asarray(found.reshape(*self.heights.shape, 4) @ (1, 2, 4, 8))
 
     def feature(self, name: Name) -> int:
-        """The number of a point by its name: the number of the body's part, and of the ridge, peak or plane."""
+        """The number of a point by its name: the number of the body's part, and of the ridge, peak or triangle."""
         part, spot = name
-        return cast(int, part) * (self.planes + self.planes // 2) + cast(int, spot)
+        return cast(int, part) * 2 * self.planes + cast(int, spot)
 
     def cells(self, low: Array, high: Array) -> tuple[slice, slice]:
         """The cells over a rectangle."""
@@ -149,14 +155,14 @@ class FieldSurface:
         ridges = self.ridges[beside], self._sides[beside], self._numbers[beside]
         return Spots(*ridges, self.corners.reshape(-1, 3)[peaks], 4 * peaks + 3)
 
-    def below(self, x: Array) -> tuple[Array, Array] | None:
-        """A corner and the normal of the triangle below a point; None beyond the grid."""
+    def below(self, x: Array) -> tuple[Array, Array, int] | None:
+        """A corner and the normal of the triangle below a point, and its plane; None beyond the grid."""
         i, k = (at := (x[:2] - self.origin[:2]) / self.cell).astype(int)
         if (at < 0.0).any() or (at > self.size).any():
             return None
         i, k = min(i, int(self.size[0]) - 1), min(k, int(self.size[1]) - 1)
         half = 0 if at[0] - i >= at[1] - k else 1
-        return self.triangles[i, k, half, 0], self.normals[i, k, half]
+        return self.triangles[i, k, half, 0], self.normals[i, k, half], int(self.plane_of[i, k, half])
 
     def height(self, x: Array) -> float:
         """Height of a point above the plane of the triangle below it, m; inf beyond the grid."""
@@ -183,6 +189,16 @@ class FieldSurface:
         beside = np.einsum("ni,ni->n", off, off) <= SAME**2
         way = self.triangles[cells].reshape(-1, 3, 3)[beside].reshape(-1, 3) - p
         return bool((way @ n <= LEVEL * np.sqrt(np.einsum("ni,ni->n", way, way)) + SAME**2).all())
+
+
+def _first_of_each(pairs: Array, count: int) -> Array:
+    """Of each of so many things (count,) the first one that pairs (n, 2) connect it with."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    joined = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
+    _, label = connected_components(joined, directed=False)
+    return np.asarray(np.unique(label, return_index=True)[1][label])
 
 
 @functools.lru_cache(maxsize=16)

@@ -12,7 +12,7 @@ from twolink.geometry.hulls import Hull, TouchPoint, hull_of
 from twolink.geometry.points import rim_ways
 from twolink.robots.collisions import AnyShape, Box, Capsule, Convex, Cylinder
 
-Hit = tuple[float, Array, Array]  # gap, normal and middle point
+Hit = tuple[int, float, Array, Array]  # the number of a plane or triangle, gap, normal and middle point
 SIDE, RIMS, CROSSINGS = 2, 3, 11  # parts of round bodies behind their ends: a side; four points, and two, of each rim
 
 
@@ -20,7 +20,7 @@ class FieldBody:
     """A shape as corners (n, 3) with a radius; a capsule has a line between two, and a hull edges and faces.
 
     The name of a point is the number of the body's part, which are corners or ends, then edges, then faces, or those
-    of what is round; and the number of the ridge or peak, or of the plane among those that the part touches.
+    of what is round; and the number of the ridge, the peak, the plane of triangles, or the triangle with the edge.
     """
 
     def __init__(self, shape: AnyShape) -> None:
@@ -54,16 +54,16 @@ class FieldBody:
         return [touch for touch in found if touch.gap < reach]
 
 
-def _each_plane(surface: FieldSurface, part: int, hits: list[Hit]) -> Iterator[TouchPoint]:
-    """The points of a part with planes, each plane once, by their normals."""
-    seen = list[Array]()
-    for gap, n, middle in sorted(hits, key=lambda hit: tuple(np.round(hit[1], 6))):
-        if not any(np.abs(n - other).max() < LEVEL for other in seen):
-            yield TouchPoint((part, surface.planes + len(seen)), gap, n, middle)
-            seen.append(n)
+def _each_once(surface: FieldSurface, part: int, hits: list[Hit]) -> Iterator[TouchPoint]:
+    """The points of a part with triangles: one of each plane, and one in each direction."""
+    seen = list[tuple[int, Array]]()
+    for number, gap, n, middle in sorted(hits, key=lambda hit: hit[:2]):
+        if not any(number == known or np.abs(n - other).max() < LEVEL for known, other in seen):
+            yield TouchPoint((part, surface.planes + number), gap, n, middle)
+            seen.append((number, n))
 
 
-def _of_corner(surface: FieldSurface, number: int, x: Array, radius: float, reach: float) -> Iterator[TouchPoint]:
+def _of_corner(surface: FieldSurface, part: int, x: Array, radius: float, reach: float) -> Iterator[TouchPoint]:
     """The triangles that a corner or ball touches."""
     below, deep = surface.below(x), surface.height(x)
     cells = surface.cells(x - radius - reach, x + radius + reach)
@@ -71,18 +71,22 @@ def _of_corner(surface: FieldSurface, number: int, x: Array, radius: float, reac
     if deep - radius > reach and not len(triangles):
         return
     on, heights = surface.nearest(x, cells), np.einsum("ni,ni->n", normals, x - triangles[:, 0])
+    numbers = surface.plane_of[cells].ravel()
     if radius > 0.0 and deep > 0.0:
-        far = np.linalg.norm(x - on, axis=1)
-        ways = (x - on) / far[:, None]
-        hits = [(float(far[k]), ways[k]) for k in np.flatnonzero(far - radius < reach)
-                if surface.supports(on[k], ways[k])]  # fmt: skip
+        heights = np.linalg.norm(x - on, axis=1)
+        near, ways = heights - radius < reach, (x - on) / heights[:, None]
+        found = np.array([k for k in np.flatnonzero(near) if surface.supports(on[k], ways[k])], dtype=int)
+        edges = np.abs(ways - normals).max(axis=1) > LEVEL
+        numbers = np.where(edges, surface.plane_of.size + surface.numbers[cells].ravel(), numbers)
     else:
         over = np.linalg.norm(x - heights[:, None] * normals - on, axis=1) <= SAME
         over &= (heights - radius < reach) & (heights >= FARTHER * min(deep, 0.0) - SAME)
-        hits = [(float(heights[k]), normals[k]) for k in np.flatnonzero(over)]
-        if below is not None and not hits:
-            hits = [(deep, below[1])]
-    yield from _each_plane(surface, number, [(far - radius, n, x - 0.5 * (far + radius) * n) for far, n in hits])
+        found, ways = np.flatnonzero(over), normals
+    hits = [(int(numbers[k]), float(heights[k]), ways[k]) for k in found]
+    if below is not None and not (radius > 0.0 and deep > 0.0) and (heights[found] > max(deep, 0.0) + SAME).all():
+        hits.append((below[2], deep, below[1]))  # none holds it up
+    yield from _each_once(surface, part, [(number, far - radius, n, x - 0.5 * (far + radius) * n)
+                                          for number, far, n in hits])  # fmt: skip
 
 
 def _lines(starts: Array, ways: Array, others: Array, other_ways: Array) -> tuple[Array, Array, Array]:
@@ -169,7 +173,7 @@ def _of_rims(surface: FieldSurface, ends: Array, radius: float, spots: Spots, re
         down, side = (ways.T for ways in rim_ways(normals.T, out[:, None]))
         for number, ways in enumerate((down, side, -side, -down)):
             hits = (_of_rim_point(surface, x, n) for x, n in zip(centre + radius * ways, normals, strict=True))
-            yield from _each_plane(surface, RIMS + 4 * end + number, [hit for hit in hits if hit and hit[0] < reach])
+            yield from _each_once(surface, RIMS + 4 * end + number, [hit for hit in hits if hit and hit[1] < reach])
         yield from _of_end(surface, end, centre, out, radius, spots, reach)
         yield from _of_rim_on_ridges(surface, end, centre, other, radius, spots, reach)
 
@@ -180,7 +184,7 @@ def _of_rim_point(surface: FieldSurface, x: Array, n: Array) -> Hit | None:
     if below is None or np.abs(below[1] - n).max() > LEVEL:
         return None
     gap = float(n @ (x - below[0]))
-    return gap, n, x - 0.5 * gap * n
+    return below[2], gap, n, x - 0.5 * gap * n
 
 
 def _of_end(

@@ -27,7 +27,7 @@ void tl_field_corner(const tl_field *f, int i, int k, double *out) {
 
 /* The triangle of a cell on the side of low y (0) or of low x (1). */
 tl_triangle tl_triangle_of(const tl_field *f, int i, int k, int half) {
-  tl_triangle out;
+  tl_triangle out = {.number = 2 * (i * (f->count[1] - 1) + k) + half};
   double along[3], beside[3];
   tl_field_corner(f, i, k, out.corner[0]);
   tl_field_corner(f, i + 1, half ? k + 1 : k, out.corner[1]);

@@ -14,6 +14,7 @@ typedef struct {
 
 typedef struct {
   double corner[3][3], normal[3];
+  int number;
 } tl_triangle;
 
 tl_cells tl_cells_over(const tl_field *f, const double *low, const double *high);

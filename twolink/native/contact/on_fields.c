@@ -25,7 +25,7 @@ typedef struct {
 static int64_t planes(const tl_field *f) { return 4 * (int64_t)f->count[0] * f->count[1]; }
 
 static int64_t key(const field_body *b, int part, int64_t number) {
-  return tl_key(b->one->pair, part * (planes(b->f) + planes(b->f) / 2) + number);
+  return tl_key(b->one->pair, part * 2 * planes(b->f) + number);
 }
 
 /* A point of a part of the body with its middle at x + far n. */
@@ -37,44 +37,43 @@ static void add(const field_body *b, int part, int64_t number, double gap, const
   tl_add_point(b->s, &point);
 }
 
-/* Whether a normal, to 6 digits, comes before another one. */
-static int is_before(const double *n, const double *other) {
-  for (int i = 0; i < 3; i++) {
-    const double a = nearbyint(n[i] * 1e6), b = nearbyint(other[i] * 1e6);
-    if (a != b) return a < b;
-  }
-  return 0;
-}
-
 static int is_same(const double *n, const double *m) {
   return fabs(n[0] - m[0]) < TL_LEVEL && fabs(n[1] - m[1]) < TL_LEVEL && fabs(n[2] - m[2]) < TL_LEVEL;
 }
 
-/* The points of a part from `begin` on by their normals, each of which stays once, and their keys. */
-static void each_plane(const field_body *b, int part, int begin) {
-  tl_point *points = b->s->points;
+/* The points of a part from `begin` on: one of each plane, and one in each direction. */
+static void each_once(tl_scene *s, int begin) {
+  tl_point *points = s->points;
   int kept = begin;
-  for (int k = begin + 1; k < b->s->count; k++) {
+  for (int k = begin + 1; k < s->count; k++) {
     const tl_point point = points[k];
     int place = k;
-    for (; place > begin && is_before(point.normal, points[place - 1].normal); place--) points[place] = points[place - 1];
+    for (; place > begin; place--) {
+      const tl_point *before = points + place - 1;
+      if (before->key < point.key || (before->key == point.key && before->gap <= point.gap)) break;
+      points[place] = *before;
+    }
     points[place] = point;
   }
-  for (int k = begin; k < b->s->count; k++) {
+  for (int k = begin; k < s->count; k++) {
     int other = begin;
-    while (other < kept && !is_same(points[k].normal, points[other].normal)) other++;
-    if (other < kept) continue;
-    points[kept] = points[k];
-    points[kept].key = key(b, part, planes(b->f) + kept - begin);
-    kept++;
+    while (other < kept && points[k].key != points[other].key && !is_same(points[k].normal, points[other].normal)) other++;
+    if (other == kept) points[kept++] = points[k];
   }
-  b->s->count = kept;
+  s->count = kept;
+}
+
+/* The number of a point with a triangle: of the plane, or of the triangle whose edge it is on. */
+static int64_t number_of(const tl_field *f, const tl_triangle *one, int is_edge) {
+  const int triangles = 2 * (f->count[0] - 1) * (f->count[1] - 1);
+  return planes(f) + (is_edge ? triangles + one->number : f->plane_of[one->number]);
 }
 
 /* The triangles that a corner or ball touches. */
 static void on_corner(const field_body *b, int part, const double *x) {
   const double radius = b->one->radius;
   const int begin = b->s->count;
+  int held = 0; /* whether a triangle is as near as that below */
   tl_triangle under;
   double on[3], way[3];
   const int is_over = tl_below(b->f, x, &under);
@@ -93,16 +92,19 @@ static void on_corner(const field_body *b, int part, const double *x) {
           gap = far - radius;
           if (!(gap < b->reach)) continue;
           for (int c = 0; c < 3; c++) way[c] /= far;
-          if (tl_supports(b->f, on, way)) add(b, part, 0, gap, way, x, -(radius + 0.5 * gap));
+          const int64_t number = number_of(b->f, &here, !is_same(way, here.normal));
+          if (tl_supports(b->f, on, way)) add(b, part, number, gap, way, x, -(radius + 0.5 * gap));
         } else if (gap < b->reach && gap + radius >= FARTHER * (deep < 0 ? deep : 0) - TL_SAME) {
           for (int c = 0; c < 3; c++) way[c] = x[c] - (gap + radius) * here.normal[c] - on[c];
-          if (tl_length(way) <= TL_SAME) add(b, part, 0, gap, here.normal, x, -(radius + 0.5 * gap));
+          if (!(tl_length(way) <= TL_SAME)) continue;
+          add(b, part, number_of(b->f, &here, 0), gap, here.normal, x, -(radius + 0.5 * gap));
+          held |= gap + radius <= (deep > 0 ? deep : 0) + TL_SAME;
         }
       }
   const double gap = deep - radius;
-  if (b->s->count == begin && is_over && !is_above && gap < b->reach)
-    add(b, part, 0, gap, under.normal, x, -(radius + 0.5 * gap));
-  each_plane(b, part, begin);
+  if (is_over && !is_above && !held && gap < b->reach)
+    add(b, part, number_of(b->f, &under, 0), gap, under.normal, x, -(radius + 0.5 * gap));
+  each_once(b->s, begin);
 }
 
 /* s and t of the points x + s u of a line and start + t way of a ridge that are nearest to each other, if they cross. */
@@ -222,9 +224,9 @@ static void on_rim(const field_body *b, int end) {
           if (!tl_below(b->f, x, &under) || !is_same(under.normal, here.normal)) continue;
           tl_minus(x, under.corner[0], away);
           const double gap = tl_dot(here.normal, away);
-          if (gap < b->reach) add(b, part, 0, gap, here.normal, x, -0.5 * gap);
+          if (gap < b->reach) add(b, part, number_of(b->f, &under, 0), gap, here.normal, x, -0.5 * gap);
         }
-    each_plane(b, part, begin);
+    each_once(b->s, begin);
   }
 }
 

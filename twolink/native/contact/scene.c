@@ -153,7 +153,9 @@ static void read_fields(tl_scene *s, reader *r) {
     one->top = next_number(r);
     if (!(one->cell[0] > 0 && one->cell[1] > 0) || (int64_t)one->count[0] * one->count[1] > MOST) r->failed = 1;
     one->height = own_numbers(s, r, one->count[0] * one->count[1]);
+    const int triangles = 2 * (one->count[0] - 1) * (one->count[1] - 1);
     one->marks = own_indices(s, r, one->count[0] * one->count[1], 0, 1 << 4);
+    one->plane_of = own_indices(s, r, triangles, 0, triangles);
     for (int i = 0; i < one->count[0] && !r->failed; i++) /* ridges end on the grid */
       for (int m = 0; m < one->count[1]; m++)
         if (one->marks[i * one->count[1] + m] & ((i + 1 < one->count[0] ? 0 : 1 | 2) | (m + 1 < one->count[1] ? 0 : 1 | 4)))

@@ -39,11 +39,12 @@ typedef struct {
   double normal[3], height, point[3], axis[3], radius;
 } tl_rim;
 
-/* Heights over a grid (count), row by row along y; top: the highest; marks: of ridges and peaks. See geometry/fields.py. */
+/* Heights over a grid (count), row by row along y; top: the highest; marks: of ridges and peaks; plane_of: of each triangle the
+number of its plane. See geometry/fields.py. */
 typedef struct {
   int count[2];
   double cell[2], origin[3], top, *height;
-  int32_t *marks;
+  int32_t *marks, *plane_of;
 } tl_field;
 
 enum tl_field_shape { TL_BALL, TL_CAPSULE, TL_CYLINDER, TL_HULL, TL_FIELD_SHAPES };
