@@ -113,6 +113,16 @@ def test_no_body_that_tumbles_over_rough_ground_gains_energy(kind: str) -> None:
         assert run.q[:, 2].min() > 0.0
 
 
+def test_a_capsule_that_rolls_from_its_end_onto_its_side_gains_no_energy() -> None:
+    """On an edge the end and the side would be two points with nearly one normal, whose gaps cannot both be kept."""
+    random = np.random.default_rng([13, 5])
+    field = E.HeightField(random.uniform(0.0, 0.1, (21, 21)), (0.1, 0.12), (-1.0, -1.2, 0.0))
+    turn = random.normal(size=4)
+    start = [*random.uniform(-0.2, 0.2, 2), 0.35, *(turn / np.linalg.norm(turn))]
+    run = run_of(SHAPES["capsule"], field, start, 0.46, 0.3, v=random.normal(size=6))
+    assert (run.energy - np.minimum.accumulate(run.energy)).max() < 1e-4  # J; it was 0.028
+
+
 @pytest.mark.parametrize("steep", [0.1, 0.6])
 @pytest.mark.parametrize("kind", SHAPES)
 def test_on_rough_ground_bodies_touch_where_coal_says(kind: str, steep: float) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import cast
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from twolink.geometry.points import rim_ways
 from twolink.robots.collisions import AnyShape, Box, Capsule, Convex, Cylinder
 
 Hit = tuple[int, float, Array, Array]  # the number of a plane or triangle, gap, normal and middle point
+BESIDE = 0.1  # of a radius: points of a capsule's end and of its side that are nearer are one
 SIDE, RIMS, CROSSINGS = 2, 3, 11  # parts of round bodies behind their ends: a side; four points, and two, of each rim
 
 
@@ -45,13 +47,19 @@ class FieldBody:
         if self.line or self.hull:
             spots = surface.spots_in(low, high)
             if self.line:
-                found += _of_line(surface, corners, self.radius, spots, rims=self.rims)
+                sides = [*_of_line(surface, corners, self.radius, spots, reach, rims=self.rims)]
+                found = [one for one in found if not self._is_side(surface, one, sides)] + sides
             if self.rims:
                 found += _of_rims(surface, corners, self.radius, spots, reach)
             if self.hull is not None and len(spots.ridges):
                 hull = self.hull.placed(rotation, origin)
                 found += [*_of_edges(surface, hull, spots, reach), *_of_faces(surface, hull, spots, reach)]
         return [touch for touch in found if touch.gap < reach]
+
+    def _is_side(self, surface: FieldSurface, one: TouchPoint, sides: list[TouchPoint]) -> bool:
+        """True if a ball touches an edge where the side, which is nearer, does: one point would count twice."""
+        on_edge, far = cast(int, one.name[1]) >= surface.planes + surface.plane_of.size, BESIDE * self.radius
+        return on_edge and any(np.linalg.norm(one.middle - side.middle) < far for side in sides)
 
 
 def _each_once(surface: FieldSurface, part: int, hits: list[Hit]) -> Iterator[TouchPoint]:
@@ -100,7 +108,9 @@ def _lines(starts: Array, ways: Array, others: Array, other_ways: Array) -> tupl
     return (b * e - c * d) / size, (a[:, None] * e - b * d) / size, crosses
 
 
-def _of_line(surface: FieldSurface, ends: Array, radius: float, spots: Spots, *, rims: bool) -> Iterator[TouchPoint]:
+def _of_line(
+    surface: FieldSurface, ends: Array, radius: float, spots: Spots, reach: float, *, rims: bool
+) -> Iterator[TouchPoint]:
     """The ridges and peaks at which the side of a capsule touches, or of a cylinder, which has rims."""
     start, way, edge = ends[0], ends[1] - ends[0], spots.ridges[:, 1] - spots.ridges[:, 0]
     _, t, crosses = (found[0] for found in _lines(start[None], way[None], spots.ridges[:, 0], edge))
@@ -114,7 +124,7 @@ def _of_line(surface: FieldSurface, ends: Array, radius: float, spots: Spots, *,
         far = float(np.linalg.norm(line))
         if rims and radius - far > min(share[number], 1.0 - share[number]) * np.linalg.norm(way):
             continue  # an end is nearer
-        if far > SAME and surface.supports(p, line / far):
+        if far > SAME and far - radius < reach and surface.supports(p, line / far):
             yield TouchPoint((SIDE, names[number]), far - radius, line / far, p + 0.5 * (far - radius) * line / far)
 
 

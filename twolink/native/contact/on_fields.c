@@ -2,10 +2,12 @@
 statement. */
 #include "fields.h"
 
-#define FARTHER 4.0                          /* times as deep as the surface below a corner */
+#define FARTHER 4.0 /* times as deep as the surface below a point: what is deeper lies on the far side of a ridge */
+#define BESIDE 0.1  /* of a radius: points of a capsule's end and of its side that are nearer are one */
 enum { SIDE = 2, RIMS = 3, CROSSINGS = 11 }; /* parts of round bodies behind their ends */
 
-/* A placed body over a field. ends: of its axis, of what is no hull; low, high: of the body with its reach. */
+/* A placed body over a field. ends: of its axis, of what is no hull; low, high: of the body with its reach; begin: the number of
+its first point. */
 typedef struct {
   tl_scene *s;
   const tl_on_field *one;
@@ -13,6 +15,7 @@ typedef struct {
   const tl_solid *solid;
   const tl_hull *hull;
   double reach, ends[2][3], low[3], high[3];
+  int begin;
 } field_body;
 
 /* A ridge from its start along its way, or a peak; and its number. */
@@ -118,6 +121,20 @@ static int crossing(const double *x, const double *u, const spot *ridge, double 
   return 1;
 }
 
+/* Leave out points at which the balls of a capsule touch edges where the side, which is nearer, touches at x. */
+static void leave_out(const field_body *b, const double *x) {
+  const int64_t edges = planes(b->f) + 2 * (b->f->count[0] - 1) * (b->f->count[1] - 1);
+  int kept = b->begin;
+  for (int k = b->begin; k < b->s->count; k++) {
+    const int64_t number = b->s->points[k].key - key(b, 0, 0), all = 2 * planes(b->f);
+    double apart[3];
+    tl_minus(b->s->points[k].position, x, apart);
+    if (number / all < SIDE && number % all >= edges && tl_length(apart) < BESIDE * b->one->radius) continue;
+    b->s->points[kept++] = b->s->points[k];
+  }
+  b->s->count = kept;
+}
+
 /* A ridge or peak at which the side of a capsule touches, or of a cylinder, which has rims. */
 static void on_line(const field_body *b, const spot *at) {
   const double *start = b->ends[0];
@@ -136,7 +153,10 @@ static void on_line(const field_body *b, const spot *at) {
   if (!(far > TL_SAME && gap < b->reach)) return;
   if (b->one->kind == TL_CYLINDER && -gap > (share < 0.5 ? share : 1 - share) * tl_length(way)) return; /* an end is nearer */
   for (int i = 0; i < 3; i++) line[i] /= far;
-  if (tl_supports(b->f, p, line)) add(b, SIDE, at->number, gap, line, p, 0.5 * gap);
+  if (!tl_supports(b->f, p, line)) return;
+  tl_add_scaled(0.5 * gap, line, p);
+  leave_out(b, p);
+  add(b, SIDE, at->number, gap, line, p, 0);
 }
 
 /* Whether an edge in the ground is nearest to the ridge that it crosses, and not to what lies on its far side. Of the edge's
@@ -313,7 +333,7 @@ static void on_spots(const field_body *b) {
 
 /* The points of a body over a field. */
 static void detect(tl_scene *s, const tl_on_field *one, double reach) {
-  field_body b = {s, one, s->field + one->field, NULL, NULL, reach, {{0}}, {0}, {0}};
+  field_body b = {s, one, s->field + one->field, NULL, NULL, reach, {{0}}, {0}, {0}, s->count};
   const double near = one->radius + reach;
   const double *corners = b.ends[0];
   int count = one->kind == TL_BALL ? 1 : 2;
