@@ -254,19 +254,11 @@ def _cost(one: Verified, spent: float) -> Cost:
     """The cost of a run. spent: s, on runs before it whose error bars were too large."""
     choice, solution = one.choice, one.solution
     return Cost(
-        choice.method.name,
-        choice.setting if choice.method.adaptive else None,
-        solution.steps,
-        solution.evaluations,
-        one.seconds,
-        verify_seconds=spent + one.verify_seconds,
-        compile_seconds=solution.compile_seconds,
-        rejected=solution.rejected,
-        compiled=solution.compiled,
-        why=choice.why,
-        step=None if choice.method.adaptive else choice.setting,
-        precision=choice.precision,
-    )
+        choice.method.name, choice.setting if choice.method.adaptive else None, solution.steps, solution.evaluations,
+        one.seconds, verify_seconds=spent + one.verify_seconds, compile_seconds=solution.compile_seconds,
+        rejected=solution.rejected, compiled=solution.compiled, why=choice.why,
+        step=None if choice.method.adaptive else choice.setting, precision=choice.precision,
+    )  # fmt: skip
 
 
 def _trajectory(
@@ -296,25 +288,14 @@ def _trajectory(
         events = (Event(0.0, "assembled", "loops", moved), *events)
     dense = DenseOutput(solution.segments, solution.t, solution.x[: equations.moving], choice.method.name,
                         choice.setting, choice.precision, solution.impulses)  # fmt: skip
+    z = solution.x[space.z_rows].compress(kept, axis=1)
     return Trajectory(
-        scene.robot,
-        solution.t[kept],
-        q,
-        v,
-        None if error is None else error[kept],
-        _cost(one, spent),
-        events,
-        solution.interrupted,
-        accuracy=None if error is None else accuracy,
+        scene.robot, solution.t[kept], q, v, None if error is None else error[kept], _cost(one, spent), events,
+        solution.interrupted, accuracy=None if error is None else accuracy,
         precise=None if solution.precise is None else decimals(solution.precise[kept]),
-        robots=_robots(solution, kept, scene.robot),
-        solution=dense,
-        title=scene.title,
-        scene=scene,
-        states=dict(
-            zip(equations.space.states, solution.x[equations.space.z_rows].compress(kept, axis=1), strict=True)
-        ),
-    )
+        robots=_robots(solution, kept, scene.robot), solution=dense, title=scene.title, scene=scene,
+        states=dict(zip(space.states, z, strict=True)),
+    )  # fmt: skip
 
 
 def _robots(solution: Solution, kept: np.ndarray, own: Robot) -> list[tuple[Robot, int]]:
