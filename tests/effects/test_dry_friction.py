@@ -9,6 +9,9 @@ import twolink as tl
 from tests.effects.bodies import G, kinds, slider, sliders, solved, times
 from tests.effects.cases import E, robot
 from tests.near import assert_near
+from tests.refusals import refusal
+from tests.urdf_text import joint, link, robot_of
+from twolink.errors import AccuracyError
 
 
 def spring_and_friction(t: np.ndarray, amplitude: float, w: float, shift: float) -> np.ndarray:
@@ -239,6 +242,21 @@ def test_joints_of_a_four_bar_with_friction_hold_what_all_can() -> None:
     run = solved(given.base, effects, 0.5, given.q)
     assert_near(times(run, "slip"), [sum(static.values()) / 4.0], 1e-9)
     assert np.all(run.v[run.t < 0.45] == 0)
+
+
+def test_friction_of_a_joint_that_follows_two_others() -> None:
+    """x_3 = x_1 + x_2, held up to s_1 + min(s_2, s_3); which give way first is told where s is the kinetic friction."""
+    three = tl.load_robot(robot_of(
+        *(link(name) for name in "abc"), joint("one", "prismatic", "ground", "a", "1 0 0"),
+        joint("two", "prismatic", "a", "b", "1 0 0"), joint("three", "prismatic", "ground", "c", "1 0 0")))  # fmt: skip
+    kinetic = {"one": 1.0, "two": 2.0, "three": 4.0}
+    effects = [E.PointLoop("b", "c"), E.Torque({"one": E.Polynomial((0.0, 1.0))})]
+    run = solved(three, [*effects, E.DryFriction(kinetic)], 5.0)
+    expected = np.fmax(run.t - 3.0, 0.0) ** 3 / 6
+    assert_near(run.columns()["q.one"], expected, 1e-9)
+    assert_near(run.columns()["q.three"], 0.0, 1e-12)
+    with refusal(AccuracyError, code="indeterminate-forces", match="static friction of joint 'one'"):
+        solved(three, [*effects, E.DryFriction(kinetic, {"one": 1.5})], 5.0)
 
 
 def test_friction_of_nothing_is_no_friction() -> None:

@@ -290,7 +290,7 @@ def _with_others(states: _States, i: int) -> dict[int, tuple[float, float]]:
     limits = {k: (float(least[i]), float(greatest[i])) for k in resting for least, greatest in [_limits(states, k)]}
     constraints, q = states.equations.constraints, states.x[: states.equations.space.nq, i]
     loops = np.empty((0, len(states.v))) if constraints is None else constraints.jacobian_at(q, constraints.kept)
-    return shared_limits(loops, limits, set(lockable[locked[:, i]].tolist()))
+    return shared_limits(loops, limits, set(lockable[locked[:, i]].tolist()))[0]
 
 
 def _with_static(switching: Switching, loop: Any) -> Any:

@@ -26,6 +26,7 @@ from twolink.algorithms.dual_numbers import Jet, JetNamespace, coefficient
 from twolink.algorithms.friction_cone import cone_derivative, onto_cone
 from twolink.algorithms.motion import KinematicState
 from twolink.algorithms.namespaces import Numbers
+from twolink.errors import AccuracyError
 from twolink.integrate.hybrid.modes import ModeState
 from twolink.integrate.motion.state import Array
 
@@ -273,31 +274,47 @@ def loop_rows(state: ModeState) -> Array:
 
 
 def lock_limits(state: ModeState) -> dict[int, Limits]:
-    """The torques (least, greatest) that can lock each joint that is locked, with what `shared_limits` adds."""
+    """The torques (least, greatest) that can lock each joint that is locked, with what `shared_limits` adds.
+
+    Raises AccuracyError, code "indeterminate-forces", where a joint at rest follows several locked ones, and it matters
+    in which order they give way, as static friction is above the kinetic.
+    """
     system, mode = state.system, state.mode
     limits = {k: system.torque_range(k, state.x) for k in system.lockable if not mode.slip.get(k) or k in mode.locked}
     if len(limits) == len(mode.locked) or state.own.equations.constraints is None:
         return limits
-    return shared_limits(loop_rows(state), limits, mode.locked)
+    found, several = shared_limits(loop_rows(state), limits, mode.locked)
+    if (k := next((k for k in several if system.static(k) > system.kinetic[k]), None)) is not None:
+        raise AccuracyError(f"loops share the static friction of joint {system.names[k]!r} with several others at rest",
+                            where=f"t = {state.t:.9g} s", code="indeterminate-forces", t=state.t,
+                            remedy="static friction as the kinetic one, or of fewer joints")  # fmt: skip
+    return found
 
 
-def shared_limits(loops: Array, limits: Mapping[int, Limits], locked: AbstractSet[int]) -> dict[int, Limits]:
+def shared_limits(
+    loops: Array, limits: Mapping[int, Limits], locked: AbstractSet[int]
+) -> tuple[dict[int, Limits], set[int]]:
     """The limits of the torques that lock joints, with those of joints at rest that move as one of them does.
 
     Loops make the locks of these redundant: v_j = b v_k for all that the loops (m, nv) and the other locks allow, and a
-    torque of joint j does what b times that does at joint k. Where v_j follows several, nothing is added.
+    torque of joint j does what b times that does at joint k. Also the joints of which one follows several of the
+    locked; there nothing is added.
     """
-    order = sorted(locked)
+    order, several = sorted(locked), set[int]()
     out, rows = {k: limits[k] for k in order}, np.concatenate([loops, np.eye(loops.shape[1])[order]])
-    for j in limits.keys() - locked:
+    for j in (j for j in limits.keys() - locked if any(limits[j])):
         unit = np.eye(loops.shape[1])[j]
         factors = np.linalg.lstsq(rows.T, unit, rcond=None)[0]
-        follows = np.flatnonzero(np.abs(factors[len(loops) :]) > FOLLOWS)
-        if len(follows) == 1 and np.abs(rows.T @ factors - unit).max() < FOLLOWS:
-            k, b = order[follows[0]], float(factors[len(loops) + follows[0]])
+        if np.abs(rows.T @ factors - unit).max() > FOLLOWS:
+            continue
+        follows = [(k, b) for k, b in zip(order, factors[len(loops) :].tolist(), strict=True) if abs(b) > FOLLOWS]
+        if len(follows) > 1:
+            several |= {j, *(k for k, _ in follows)}
+            continue
+        for k, b in follows:
             ends = sorted(b * end for end in limits[j])
             out[k] = out[k][0] + ends[0], out[k][1] + ends[1]
-    return out
+    return out, several
 
 
 def inverse_under(mass: Array, fixed: Array) -> Array:

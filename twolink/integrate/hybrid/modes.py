@@ -157,6 +157,10 @@ class System:
         """Locks of a degree of freedom, at any position."""
         return self._locks[k]
 
+    def static(self, k: int) -> float:
+        """The static friction of a degree of freedom, N m or N."""
+        return sum(lock.greatest for lock in self._locks[k] if lock.entry is None)
+
     def locks(self, k: int, x: Array) -> list[JointLock]:
         """Locks of a degree of freedom that can act at its position."""
         return [lock for lock in self._locks[k] if lock.acts(x)]
