@@ -29,6 +29,21 @@ def test_the_arm_has_four() -> None:
     np.testing.assert_allclose(few[0].q, [-np.pi / 2, 0.0], atol=1e-12)  # hanging is found without luck
 
 
+def test_equilibria_beyond_stops_are_left_out() -> None:
+    """Of the arm's four those within; 3 pi / 2 may be within stops where -pi / 2 is not."""
+
+    def found(**limits: tuple[float, float]) -> list[list[float]]:
+        scene = tl.Scene(ARM, [2.0, 0.1], effects=[E.Gravity(), E.JointStops(limits)])
+        return sorted(each.q.round(9).tolist() for each in tl.equilibria(scene, starts=48))
+
+    down, up, over = round(-np.pi / 2, 9), round(np.pi / 2, 9), round(3 * np.pi / 2, 9)
+    assert found(elbow=(-1.0, 1.0)) == [[down, 0.0], [up, 0.0]]
+    assert found(shoulder=(0.5, 6.0), elbow=(-1.0, 1.0)) == [[up, 0.0], [over, 0.0]]
+    with refusal(SceneError, code="beyond-stop"):
+        tl.equilibria(tl.Scene(ARM, [2.0, 0.1], effects=[E.Gravity(), E.JointStops({"elbow": (-1.0, 1.0)})]),
+                      [-np.pi / 2, np.pi])  # fmt: skip
+
+
 def test_damping_decides_at_the_lowest() -> None:
     damped = tl.Scene(ARM, effects=[E.Gravity(), E.JointDamping({"shoulder": 0.5})])
     assert tl.equilibria(damped, [-1.5, 0.1])[0].stability == "asymptotically stable"

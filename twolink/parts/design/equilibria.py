@@ -37,6 +37,7 @@ DRAWN = 64  # random configurations of which the one of the least potential ener
 MOST = 1e6  # starts
 FEW = 6  # equilibria that a figure tells apart
 SAME = 1e-6  # rad or m: equilibria nearer to each other are one
+LEFT_OUT = "not-differentiable", "beyond-stop", "below-plane"  # codes of points that a search leaves out
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -130,8 +131,8 @@ def equilibria(
     -----
     All that were found are listed, which need not be all there are. Where equilibria form a line or a surface
     (dr/dq is singular), single points of it are listed, each of unknown stability. Joints that stops, dry friction or
-    contacts hold at rest are not looked for, and those where forces have no derivatives, as on a limit of effort, are
-    left out.
+    contacts hold at rest are not looked for, and those where forces have no derivatives, as on a limit of effort, or
+    beyond stops and planes are left out.
     """
     equations, robot = _equations_at_rest(instance(scene, Scene, "scene", SceneError)), scene.robot
     if q is None:
@@ -164,7 +165,8 @@ def _equations_at_rest(scene: Scene) -> Equations:
 def _linearized(scene: Scene, points: Sequence[Array], inputs: Sequence[str], *, search: bool) -> list[Linearization]:
     """The linearizations at those of the points that are equilibria.
 
-    search: a point where forces have no derivatives, as on a limit of effort, is left out; else it is an error.
+    search: a point where forces have no derivatives, as on a limit of effort, or beyond a stop or a plane is left out;
+    else it is an error.
     """
     found = []
     for point in points:
@@ -174,7 +176,7 @@ def _linearized(scene: Scene, points: Sequence[Array], inputs: Sequence[str], *,
             if not (search and driven(scene, (), np.zeros(0)).effort_limits):
                 raise
         except SceneError as error:
-            if not (search and error.code == "not-differentiable"):
+            if not (search and error.code in LEFT_OUT):
                 raise
     return [each for each in found if each.is_equilibrium]
 
@@ -252,6 +254,9 @@ def _distinct(equations: Equations, points: Array) -> list[Array]:
         return distinct
     turned = points.copy()
     turned[:, angles] -= 2 * np.pi * np.ceil(points[:, angles] / (2 * np.pi) - 0.5 - SAME)
+    for stop in equations.switching.stops if equations.switching else ():  # a turn may lead beyond one, or back
+        beyond = stop.side * (turned[:, stop.entry] - stop.position) < -SAME
+        turned[beyond, stop.entry] += stop.side * 2 * np.pi * (stop.entry in angles)
     points = np.where(_at_rest(*_forces(equations, turned))[:, None], turned, points)
     for point in points:
         if all(np.abs(robot.difference(other, point)).max(initial=0.0) > SAME for other in distinct):
