@@ -146,6 +146,11 @@ def test_a_lost_world_is_nan_and_the_others_go_on() -> None:
         ({"q": np.zeros((0, 2))}, SceneError, "there are no worlds"),
         ({"parameters": {"upper_arm.mass": -0.2}}, SceneError, "expected at least 0, got -0.2"),
         ({"parameters": {"forearm.mass": [1.0, 0.0]}}, SceneError, "forearm.mass: no body has .* with 0 kg"),
+        (
+            {"parameters": {"forearm.mass": [1.0, 0.0]} | {f"forearm.inertia.{k}{k}": [0.1, 0.0] for k in "xyz"}},
+            SceneError,
+            "joint 'elbow' then moves no inertia",
+        ),
         ({"parameters": {"forearm.mass": "x"}}, SceneError, "expected numbers, got 'x'"),
         ({"parameters": [1.0]}, SceneError, "expected values by name, got list"),
         ({"samples_per_second": -1}, SceneError, "samples_per_second: expected a number above 0"),

@@ -29,7 +29,7 @@ from twolink.scenes.scene import Scene
 PREFIX = "effects."
 Kind = Literal["q", "v", "constant", "effect", "table", "switch", "accuracy", "robot"]
 DAMPING = ".damping"
-_NOT_NEGATIVE = (".mass", ".armature", DAMPING, ".inertia.xx", ".inertia.yy", ".inertia.zz")
+NOT_NEGATIVE = (".mass", ".armature", DAMPING, ".inertia.xx", ".inertia.yy", ".inertia.zz")
 _UNITS = {"mass": "kg", "com": "m", "inertia": "kg m^2", "origin": "m", "gravity": "m/s^2",
           "first_moment": "kg m", "origin_inertia": "kg m^2"}  # fmt: skip
 
@@ -138,7 +138,7 @@ def _constants(values: Mapping[str, float], *, acts: bool) -> Iterator[Parameter
     for name, value in values.items():
         owner, part, entry = split_name(name)
         about = f"{part}.{entry} of {owner}" if owner and entry else f"{entry or part} of {owner or part}"
-        lowest = 0.0 if name.endswith(_NOT_NEGATIVE) else -math.inf
+        lowest = 0.0 if name.endswith(NOT_NEGATIVE) else -math.inf
         yield Parameter(name, "constant", value, _UNITS.get(part, "SI units"), about, lowest, acts=acts)
 
 

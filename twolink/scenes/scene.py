@@ -16,11 +16,13 @@ from twolink.dynamics import Robot, load_robot
 from twolink.dynamics.arguments import array, by_joint, configuration, instance, positive
 from twolink.effects import Effect
 from twolink.effects.checks import check_effect, with_plain_numbers
+from twolink.effects.constants import Constants
 from twolink.effects.loops import Loop
 from twolink.effects.quantities import in_si
 from twolink.errors import AccuracyError, SceneError, TwolinkError
 from twolink.io.files import path_to_write
 from twolink.io.text import facts_html
+from twolink.robots.checks import weightless_joints
 from twolink.robots.collisions import Shape
 from twolink.robots.joining import pose_of
 from twolink.robots.meshes import VisualModel
@@ -135,6 +137,7 @@ class Scene:
         start = configuration("q", q, robot.nq, robot.joints)
         velocity = array("v", v, robot.nv)
         self.base, self.robot = robot, robot.changed(change)
+        _require_inertia(self.robot, checked)
         self.robot.changed_by += tuple(repr(effect) for effect in checked if effect.changes)
         self.q, self.v = _one_state("q", start, robot.nq), _one_state("v", velocity, robot.nv)
         self.effects, self.duration = checked, duration_of(duration)
@@ -328,6 +331,16 @@ def _require_unchanged(robot: Robot, effects: Sequence[Effect]) -> None:
                 what = f"the robot has been changed by this {type(effect).__name__} already, which would act twice"
                 raise SceneError(what, where=f"effects[{i}]", remedy="give scene.base, not scene.robot; or use "
                                  "scene.with_effects(...)", argument="robot", code="changed-twice")  # fmt: skip
+
+
+def _require_inertia(robot: Robot, effects: Sequence[Effect]) -> None:
+    """Require that joints still move an inertia where constants are 0. Raises SceneError, code "no-inertia"."""
+    for i, effect in enumerate(effects):
+        zero = isinstance(effect, Constants) and 0.0 in effect.values.values()
+        if zero and (names := weightless_joints(robot.model)):
+            what = f"joint {names[-1]!r} then moves no inertia, so that its acceleration is not determined"
+            raise SceneError(what, where=f"effects[{i}].values", remedy="give what it moves a mass and an inertia, or "
+                             "load the robot with the joint locked", code="no-inertia")  # fmt: skip
 
 
 def _checked(effects: Sequence[Effect], robot: Robot) -> tuple[Effect, ...]:

@@ -19,7 +19,7 @@ from twolink.integrate.steps.step_map import step_map
 from twolink.io.progress import Report, in_time
 from twolink.native.programs import SPENT
 from twolink.scenes import Scene
-from twolink.scenes.parameters import PREFIX, Parameter, named_parameters, parameters_of, scene_with
+from twolink.scenes.parameters import NOT_NEGATIVE, PREFIX, Parameter, named_parameters, parameters_of, scene_with
 from twolink.scenes.scene import accuracy_of
 from twolink.simulation.event_worlds import SolvedWorlds, solve_one_by_one
 from twolink.simulation.many_runs import Worlds
@@ -201,12 +201,13 @@ def _check_effects(scene: Scene, values: Mapping[str, np.ndarray]) -> None:
 
 
 def _check_bodies(scene: Scene, values: Mapping[str, np.ndarray]) -> None:
-    """Require that a link without mass has no inertia in any world (n,). Raises SceneError."""
+    """Require that bodies without a mass or a moment of inertia may be, in all worlds (n,). Raises SceneError."""
     constants = {name: x for name, x in values.items() if not name.startswith(PREFIX)}
-    masses = [x for name, x in constants.items() if name.endswith(".mass")]
-    if masses and (massless := np.any(np.equal(masses, 0), axis=0)).any():
-        for world in np.unique(np.stack(list(constants.values()))[:, massless], axis=1).T.tolist():
-            scene_with(scene, dict(zip(constants, world, strict=True)))
+    zero = np.array([x == 0.0 for name, x in constants.items() if name.endswith(NOT_NEGATIVE)])
+    if zero.any():
+        which, first = np.unique(zero, axis=1, return_index=True)  # the same ones are 0 in the other worlds
+        for world in first[which.any(axis=0)]:
+            scene_with(scene, {name: float(x[world]) for name, x in constants.items()})
 
 
 def _values(parameter: Parameter, value: Any) -> np.ndarray:
