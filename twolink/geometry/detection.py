@@ -201,7 +201,7 @@ class Detector:
         for k, pair in enumerate(pairs):
             kinds.setdefault(_kind(pair), []).append(k)
         self.groups = [kind(np.array(own), [pairs[k] for k in own], number) for (kind, _), own in kinds.items()]
-        self.sees_all = not any(kind is Hulls for kind, _ in kinds)
+        self.sees_all = not any(kind is Hulls or (kind is OnFields and name != "Sphere") for kind, name in kinds)
         self.extent = np.zeros(robot.model.njoints)
         for solid in solids.values():
             frame = frames[number[solid.link]]
