@@ -93,6 +93,13 @@ def test_segments_find_the_same_motion() -> None:
     assert np.linalg.norm(one.monodromy - many.monodromy, 2) <= one.error + many.error
 
 
+def test_steps_that_lead_beyond_a_stop_are_shortened() -> None:
+    stops = tl.effects.JointStops({"elbow": (-1.0, 1.0)}, restitution=1.0)
+    scene = tl.Scene(tl.load_robot("two_link"), [-0.3, 0.4], effects=[tl.effects.Gravity(), stops])
+    with refusal(AccuracyError, code="no-periodic-motion", match="no periodic motion was found near"):
+        tl.periodic_motion(scene, 1.4, ["q"], accuracy=1e-7)
+
+
 def test_what_has_no_periodic_motion_is_named(pendulum_urdf: str) -> None:
     robot = tl.load_robot(pendulum_urdf)
     damped = tl.Scene(robot, [0.5], effects=[E.Gravity(), E.JointDamping({"hinge": 0.5})])
