@@ -121,7 +121,7 @@ class Shooting:
             factor = 0.5**halving
             try:
                 after = self._moved(shots, factor * step)
-            except (AccuracyError, SceneError):  # too far: the motion from there cannot be followed, or is beyond a stop
+            except (AccuracyError, SceneError):  # too far: beyond a stop, or it cannot be followed from there
                 continue
             if np.linalg.norm(after.gaps) < np.linalg.norm(shots.gaps):
                 return after
