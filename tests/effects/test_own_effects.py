@@ -233,6 +233,12 @@ def test_a_class_defined_again_is_compiled_again(tmp_path: Path, monkeypatch: py
     assert abs(ends[1.0] - ends[-1.0]).max() > 0.1
 
 
+def test_an_effect_of_ones_own_is_not_taken_for_one_of_the_same_name(tmp_path: Path) -> None:
+    own = type("JointDamping", (E.JointDamping,), {"__module__": __name__})
+    with pytest.raises(tl.errors.SceneError, match="JointDamping is no effect of twolink"):
+        tl.Scene(robot("arm"), effects=[own({"elbow": 1.0})]).save(tmp_path / "scene.toml")
+
+
 def test_an_effect_of_ones_own_cannot_be_saved(tmp_path: Path) -> None:
     """Nor does it leave the file of its robot behind, which is none of the catalogue."""
     own, own_robot = of_shoulder(lambda m: -m.q[0]), tl.load_robot(arm_urdf(1, 2, 3, 4))
