@@ -3,13 +3,14 @@
     python -m scripts.studies.stops [--scenes 120] [--seed 0] [--first 0]
 
 Arms of 2 to 6 joints with stops near the start, restitution 0 to 0.9, damping, dry friction, drives with limits of
-effort. Every answer has passed its certificate of laws. The second way knows no events: Moreau's time stepping over
+effort, at accuracies of 1e-9 to 1e-3. Every answer has passed its certificate of laws, and its error bar must hold
+beside an answer at a hundredth of the accuracy. The second way knows no events: Moreau's time stepping over
 Pinocchio's M and h, with impulses of stops and friction by projected Gauss-Seidel, of steps h and h / 2. Where these
 two agree, the answer must agree with them, or with steps 25 times smaller.
 
 agrees; apart: the two steps differ too much to judge (impacts that hinge on less than the steps show); WRONG: the
-steps agree, and the answer is elsewhere; refused: a named error, by code; CRASH: any other error. Rows go to
-out/stops-SEED.csv. Ends 0 if no answer is wrong and nothing crashes.
+steps agree, and the answer is elsewhere, or its bar is too small; refused: a named error, by code; CRASH: any other
+error. Rows go to out/stops-SEED.csv. Ends 0 if no answer is wrong and nothing crashes.
 """
 
 import argparse
@@ -115,6 +116,18 @@ def _with_impulses(free: np.ndarray, inverse: np.ndarray, wanted: np.ndarray, lo
     return v
 
 
+def off_by_bars(scene: tl.Scene, run: tl.Trajectory, accuracy: float) -> float:
+    """The largest error of a run by its bars, as a run of a smaller accuracy shows it; 0 where there is none."""
+    try:
+        finer = tl.simulate(scene, t_eval=run.t, accuracy=accuracy)
+    except tl.errors.AccuracyError:
+        return 0.0
+    assert run.error is not None
+    assert finer.error is not None
+    off = np.abs(run.q - finer.q).max(axis=1) - finer.error
+    return float((off / np.maximum(run.error, 1e-300)).max(where=off > 0.0, initial=0.0))
+
+
 def check(number: int, given: argparse.Namespace) -> Judged:
     """The outcome of a scene, why, and how far the answer is from the finer steps, rad or m."""
     one = arm(np.random.default_rng([given.seed, number // BLOCK]))
@@ -123,12 +136,16 @@ def check(number: int, given: argparse.Namespace) -> Judged:
     share[random.random(one.robot.nq) < 0.2] = 0.0  # some begin at a stop
     q = one.lower + share * (one.upper - one.lower)
     v, duration = np.where(share > 0, random.normal(size=one.robot.nv), 0.0), float(random.integers(2, 11)) / 10
+    scene, accuracy = one.scene(q, v, duration), 10.0 ** random.uniform(-9, -3)
     try:
-        run = tl.simulate(one.scene(q, v, duration), samples_per_second=50)
+        run = tl.simulate(scene, samples_per_second=50, accuracy=accuracy)
+        beyond = off_by_bars(scene, run, 0.01 * accuracy)
     except tl.errors.TwolinkError as error:
         return Judged(number, outcome="refused", why=error.code)
     except Exception as error:  # a study counts what should not be
         return Judged(number, outcome="CRASH", why=repr(error))
+    if beyond > 1.0:
+        return Judged(number, outcome="WRONG", why=f"{len(run.events)} events, {accuracy:.1e}", worst=beyond)
     for step in (STEP, STEP / FINER):
         every = [stepped(one, q, v, duration, h, run.t) for h in (step, step / 2)]
         apart, away = (float(np.abs(a - b).max()) for a, b in ((every[0], every[1]), (run.q, every[1])))
