@@ -193,6 +193,12 @@ def test_a_cylinder_stands_on_peaks_and_ridges_and_lies_in_a_valley() -> None:
     assert run.q[-1, :3] == pytest.approx([0.0, 0.07, 0.1 * math.sqrt(2.0)], abs=1e-6)
 
 
+@pytest.mark.parametrize("shape", [E.Box((0.6, 0.5, 0.1)), E.Cylinder(0.3, 0.1)])
+def test_what_is_wider_than_a_field_rests_on_its_border(shape: object) -> None:
+    run = run_of(shape, E.HeightField(np.full((3, 3), 0.2), (0.1, 0.1), (-0.1, -0.1, 0.0)), [0.01, 0.02, 0.26], 0.2)
+    assert run.q[-1, 2:] == pytest.approx([0.25, 0.0, 0.0, 0.0, 1.0], abs=1e-6)
+
+
 def test_located_contacts_on_fields_are_refused_by_name() -> None:
     scene = tl.Scene(free_bodies("a"), [0, 0, 1, 0, 0, 0, 1],
                      effects=[E.Contact((("a", FLAT),), shapes={"a": (E.Sphere(0.1),)})])  # fmt: skip

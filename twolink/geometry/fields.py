@@ -25,6 +25,7 @@ from twolink.robots.meshes import triangle_mesh
 
 SAME = 1e-9  # m: points that are one, and heights of what lies on the surface
 LEVEL = 1e-6  # rad: what counts as flat
+OUTWARD = ((-1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0))  # across the border of the grid
 FARTHER = 4.0  # times as deep as the surface below a point: what is deeper lies on the far side of a ridge
 
 
@@ -89,9 +90,10 @@ class FieldSurface:
     """The triangles of a height field in the world. heights (nx, ny): above the origin; cell, origin: of the grid.
 
     corners (nx, ny, 3). triangles (nx - 1, ny - 1, 2, 3, 3), normals (nx - 1, ny - 1, 2, 3). ridges (n, 2, 3): the ends
-    of edges beside which both triangles lie lower; ends (n, 2): their corners; bounds (2, n, 2): of each the least and
-    the largest x and y. Peaks are the corners at which ridges end. The number of a ridge is 4 times its first corner's
-    and 0 of a diagonal, 1 along x, 2 along y; that of a peak 4 times the corner's and 3. planes: above all of these.
+    of edges beside which both triangles lie lower, and of those of the border; ends (n, 2): their corners; bounds
+    (2, n, 2): of each the least and the largest x and y. Peaks are the corners at which ridges end. The number of a
+    ridge is 4 times its first corner's and 0 of a diagonal, 1 along x, 2 along y; that of a peak 4 times the corner's
+    and 3. planes: above all of these.
     numbers, plane_of (nx - 1, ny - 1, 2): of each triangle its number, and that of the first triangle in its plane of
     those that hang together.
     """
@@ -112,12 +114,16 @@ class FieldSurface:
         self._inward = np.cross(n[..., None, :], self._along)
         at = np.arange(z.size).reshape(z.shape)
         here = np.arange(n[..., 0].size).reshape(n.shape[:3])
+        # Around all triangles those of the ground beyond, whose numbers come behind: they are upright.
+        around = np.full((here.shape[0] + 2, here.shape[1] + 2, 2), here.size)
+        around[1:-1, 1:-1], around[:, 0], around[:, -1] = here, here.size + 1, here.size + 2
+        around[-1, 1:-1] = here.size + 3
         kinds = ((at[:-1, :-1], at[1:, 1:], here[:, :, 1], here[:, :, 0]),
-                 (at[:-1, 1:-1], at[1:, 1:-1], here[:, 1:, 0], here[:, :-1, 1]),
-                 (at[1:-1, :-1], at[1:-1, 1:], here[:-1, :, 0], here[1:, :, 1]))  # fmt: skip
+                 (at[:-1], at[1:], around[1:-1, 1:, 0], around[1:-1, :-1, 1]),
+                 (at[:, :-1], at[:, 1:], around[:-1, 1:-1, 0], around[1:, 1:-1, 1]))  # fmt: skip
         ends, beside = (np.concatenate([np.stack(kind[i : i + 2], axis=-1).reshape(-1, 2) for kind in kinds])
                         for i in (0, 2))  # fmt: skip
-        left, right = (n.reshape(-1, 3)[one] for one in beside.T)
+        left, right = (np.concatenate([n.reshape(-1, 3), OUTWARD])[one] for one in beside.T)
         self.numbers = here
         self.plane_of = _first_of_each(beside[np.abs(left - right).max(axis=1) < LEVEL], here.size).reshape(here.shape)
         numbers = np.concatenate([4 * kind[0].ravel() + k for k, kind in enumerate(kinds)])

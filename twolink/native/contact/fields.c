@@ -40,12 +40,18 @@ tl_triangle tl_triangle_of(const tl_field *f, int i, int k, int half) {
   return out;
 }
 
+/* The normal of a triangle; beyond the grid, outward across its border. */
+static void side_of(const tl_field *f, int i, int k, int half, double *out) {
+  const double outward[3] = {(i + 1 >= f->count[0]) - (i < 0), (k + 1 >= f->count[1]) - (k < 0), 0};
+  const int beyond = outward[0] != 0 || outward[1] != 0;
+  const tl_triangle one = tl_triangle_of(f, beyond ? 0 : i, beyond ? 0 : k, half);
+  tl_copy3(beyond ? outward : one.normal, out);
+}
+
 /* The normals on the left and on the right of the ridge that begins at a corner: a diagonal, one along x, one along y. */
 void tl_ridge_sides(const tl_field *f, int i, int k, int kind, double *left, double *right) {
-  const tl_triangle a = tl_triangle_of(f, kind == 2 ? i - 1 : i, k, kind == 0);
-  const tl_triangle b = tl_triangle_of(f, i, kind == 1 ? k - 1 : k, kind != 0);
-  tl_copy3(a.normal, left);
-  tl_copy3(b.normal, right);
+  side_of(f, kind == 2 ? i - 1 : i, k, kind == 0, left);
+  side_of(f, i, kind == 1 ? k - 1 : k, kind != 0, right);
 }
 
 /* Whether a triangle lies below a point, and which. */
