@@ -34,9 +34,9 @@ from twolink.integrate.motion.state import Array
 NEWTON = 80  # steps before another method leads on: where forces are not determined, it goes round before it finds them
 PATIENCE = 20  # of them, without half of what was missed: it goes in circles
 LEADING = 30  # accelerated steps before Newton's
-LED = 1000  # where nothing else leads there
-POINTS = 60  # of the proximal point method
+POINTS = 400  # of the proximal point method
 INNER = 10  # Newton's steps for each of them
+TRIED, LOST = 4, 1e3  # after so many it is given up that misses so many times what it began with
 NEARER = 0.3  # what they may miss, relative to what the last one missed of the laws themselves; and by how much e falls
 FIRST, LAST, LARGEST = 1e-2, 1e-10, 1.0  # e of the proximal points: the first, the smallest, the largest
 DAMPING = 0.3  # e, relative to the share of the velocities by which the laws are missed, and the largest
@@ -134,18 +134,9 @@ def solve_impulses(problem: ContactProblem, guess: Array) -> Impulses:
         one = problem.part(island)
         found = one.answer(newton(one, accelerated(one, p[island], LEADING if len(island) > FEW else 0)), "newton")
         if not found.solved:
-            found = _led(one, found.p)
+            found = one.answer(proximal(one, accelerated(one, found.p, LEADING)), "proximal")
         p[island], solver = found.p, max(solver, found.solver)  # the slower comes later in the alphabet
     return problem.answer(p, solver)
-
-
-def _led(problem: ContactProblem, p: Array) -> Impulses:
-    """The impulses by other methods, where Newton's goes in circles from a guess."""
-    best = problem.answer(proximal(problem, accelerated(problem, p, LEADING)), "proximal")
-    if not best.solved:
-        other = problem.answer(newton(problem, accelerated(problem, p, LED)), "newton")
-        best = min(best, other, key=lambda one: one.residual)
-    return best
 
 
 def newton(problem: ContactProblem, guess: Array) -> Array:
@@ -187,13 +178,14 @@ def _proximal_point(problem: ContactProblem, anchor: Array, damping: float, smal
 
     small: what it may miss. What obeys the laws as they are is taken at once.
     """
-    p = anchor
-    for _ in range(INNER + 1):
+    p, lost = anchor, np.inf
+    for k in range(INNER + 1):
         f, z, _ = problem.miss(p, damping, anchor)
         residual = problem.residual(f)
+        lost = LOST * residual if k == 0 else lost
         if residual <= small or problem.residual(problem.miss(p)[0]) <= EXACT:
             return p
-        if not np.isfinite(residual):
+        if not np.isfinite(residual) or (k >= TRIED and residual > lost):
             break
         p = p - _newton_step(problem, f, z, damping)
     return None
