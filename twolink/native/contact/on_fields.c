@@ -2,37 +2,15 @@
 statement. */
 #include "fields.h"
 
-#define FARTHER 4.0 /* times as deep as the surface below a point: what is deeper lies on the far side of a ridge */
-#define BESIDE 0.1  /* of a radius: points of a capsule's end and of its side that are nearer are one */
-enum { SIDE = 2, RIMS = 3, CROSSINGS = 11 }; /* parts of round bodies behind their ends */
+#define BESIDE 0.1 /* of a radius: points of a capsule's end and of its side that are nearer are one */
 
-/* A placed body over a field. ends: of its axis, of what is no hull; low, high: of the body with its reach; begin: the number of
-its first point. */
-typedef struct {
-  tl_scene *s;
-  const tl_on_field *one;
-  const tl_field *f;
-  const tl_solid *solid;
-  const tl_hull *hull;
-  double reach, ends[2][3], low[3], high[3];
-  int begin;
-} field_body;
-
-/* A ridge from its start along its way, or a peak; and its number. */
-typedef struct {
-  double start[3], way[3];
-  int64_t number;
-  int is_peak;
-} spot;
-
-static int64_t planes(const tl_field *f) { return 4 * (int64_t)f->count[0] * f->count[1]; }
-
-static int64_t key(const field_body *b, int part, int64_t number) {
-  return tl_key(b->one->pair, part * 2 * planes(b->f) + number);
+static int64_t key(const tl_field_body *b, int part, int64_t number) {
+  return tl_key(b->one->pair, part * 2 * tl_planes(b->f) + number);
 }
 
 /* A point of a part of the body with its middle at x + far n. */
-static void add(const field_body *b, int part, int64_t number, double gap, const double *n, const double *x, double far) {
+void tl_add_on_field(const tl_field_body *b, int part, int64_t number, double gap, const double *n, const double *x,
+                     double far) {
   tl_point point = {.key = key(b, part, number), .pair = b->one->pair, .first = b->one->body, .dof = -1, .gap = gap};
   tl_copy3(n, point.normal);
   tl_copy3(x, point.position);
@@ -40,12 +18,12 @@ static void add(const field_body *b, int part, int64_t number, double gap, const
   tl_add_point(b->s, &point);
 }
 
-static int is_same(const double *n, const double *m) {
+int tl_same_way(const double *n, const double *m) {
   return fabs(n[0] - m[0]) < TL_LEVEL && fabs(n[1] - m[1]) < TL_LEVEL && fabs(n[2] - m[2]) < TL_LEVEL;
 }
 
 /* The points of a part from `begin` on: one of each plane, and one in each direction. */
-static void each_once(tl_scene *s, int begin) {
+void tl_each_once(tl_scene *s, int begin) {
   tl_point *points = s->points;
   int kept = begin;
   for (int k = begin + 1; k < s->count; k++) {
@@ -60,20 +38,20 @@ static void each_once(tl_scene *s, int begin) {
   }
   for (int k = begin; k < s->count; k++) {
     int other = begin;
-    while (other < kept && points[k].key != points[other].key && !is_same(points[k].normal, points[other].normal)) other++;
+    while (other < kept && points[k].key != points[other].key && !tl_same_way(points[k].normal, points[other].normal)) other++;
     if (other == kept) points[kept++] = points[k];
   }
   s->count = kept;
 }
 
 /* The number of a point with a triangle: of the plane, or of the triangle whose edge it is on. */
-static int64_t number_of(const tl_field *f, const tl_triangle *one, int is_edge) {
+int64_t tl_plane_number(const tl_field *f, const tl_triangle *one, int is_edge) {
   const int triangles = 2 * (f->count[0] - 1) * (f->count[1] - 1);
-  return planes(f) + (is_edge ? triangles + one->number : f->plane_of[one->number]);
+  return tl_planes(f) + (is_edge ? triangles + one->number : f->plane_of[one->number]);
 }
 
 /* The triangles that a corner or ball touches. */
-static void on_corner(const field_body *b, int part, const double *x) {
+static void on_corner(const tl_field_body *b, int part, const double *x) {
   const double radius = b->one->radius;
   const int begin = b->s->count;
   int held = 0; /* whether a triangle is as near as that below */
@@ -95,23 +73,23 @@ static void on_corner(const field_body *b, int part, const double *x) {
           gap = far - radius;
           if (!(gap < b->reach)) continue;
           for (int c = 0; c < 3; c++) way[c] /= far;
-          const int64_t number = number_of(b->f, &here, !is_same(way, here.normal));
-          if (tl_supports(b->f, on, way)) add(b, part, number, gap, way, x, -(radius + 0.5 * gap));
-        } else if (gap < b->reach && gap + radius >= FARTHER * (deep < 0 ? deep : 0) - TL_SAME) {
+          const int64_t number = tl_plane_number(b->f, &here, !tl_same_way(way, here.normal));
+          if (tl_supports(b->f, on, way)) tl_add_on_field(b, part, number, gap, way, x, -(radius + 0.5 * gap));
+        } else if (gap < b->reach && gap + radius >= TL_FARTHER * (deep < 0 ? deep : 0) - TL_SAME) {
           for (int c = 0; c < 3; c++) way[c] = x[c] - (gap + radius) * here.normal[c] - on[c];
           if (!(tl_length(way) <= TL_SAME)) continue;
-          add(b, part, number_of(b->f, &here, 0), gap, here.normal, x, -(radius + 0.5 * gap));
+          tl_add_on_field(b, part, tl_plane_number(b->f, &here, 0), gap, here.normal, x, -(radius + 0.5 * gap));
           held |= gap + radius <= (deep > 0 ? deep : 0) + TL_SAME;
         }
       }
   const double gap = deep - radius;
   if (is_over && !is_above && !held && gap < b->reach)
-    add(b, part, number_of(b->f, &under, 0), gap, under.normal, x, -(radius + 0.5 * gap));
-  each_once(b->s, begin);
+    tl_add_on_field(b, part, tl_plane_number(b->f, &under, 0), gap, under.normal, x, -(radius + 0.5 * gap));
+  tl_each_once(b->s, begin);
 }
 
 /* s and t of the points x + s u of a line and start + t way of a ridge that are nearest to each other, if they cross. */
-static int crossing(const double *x, const double *u, const spot *ridge, double *s, double *t) {
+static int crossing(const double *x, const double *u, const tl_spot *ridge, double *s, double *t) {
   double apart[3];
   tl_minus(x, ridge->start, apart);
   const double a = tl_dot(u, u), b = tl_dot(u, ridge->way), c = tl_dot(ridge->way, ridge->way);
@@ -122,21 +100,21 @@ static int crossing(const double *x, const double *u, const spot *ridge, double 
 }
 
 /* Leave out points at which the balls of a capsule touch edges where the side, which is nearer, touches at x. */
-static void leave_out(const field_body *b, const double *x) {
-  const int64_t edges = planes(b->f) + 2 * (b->f->count[0] - 1) * (b->f->count[1] - 1);
+static void leave_out(const tl_field_body *b, const double *x) {
+  const int64_t edges = tl_planes(b->f) + 2 * (b->f->count[0] - 1) * (b->f->count[1] - 1);
   int kept = b->begin;
   for (int k = b->begin; k < b->s->count; k++) {
-    const int64_t number = b->s->points[k].key - key(b, 0, 0), all = 2 * planes(b->f);
+    const int64_t number = b->s->points[k].key - key(b, 0, 0), all = 2 * tl_planes(b->f);
     double apart[3];
     tl_minus(b->s->points[k].position, x, apart);
-    if (number / all < SIDE && number % all >= edges && tl_length(apart) < BESIDE * b->one->radius) continue;
+    if (number / all < TL_SIDE && number % all >= edges && tl_length(apart) < BESIDE * b->one->radius) continue;
     b->s->points[kept++] = b->s->points[k];
   }
   b->s->count = kept;
 }
 
 /* A ridge or peak at which the side of a capsule touches, or of a cylinder, which has rims. */
-static void on_line(const field_body *b, const spot *at) {
+static void on_line(const tl_field_body *b, const tl_spot *at) {
   const double *start = b->ends[0];
   double way[3], p[3], line[3], s, t;
   tl_minus(b->ends[1], start, way);
@@ -156,12 +134,13 @@ static void on_line(const field_body *b, const spot *at) {
   if (!tl_supports(b->f, p, line)) return;
   tl_add_scaled(0.5 * gap, line, p);
   leave_out(b, p);
-  add(b, SIDE, at->number, gap, line, p, 0);
+  tl_add_on_field(b, TL_SIDE, at->number, gap, line, p, 0);
 }
 
 /* Whether an edge in the ground is nearest to the ridge that it crosses, and not to what lies on its far side. Of the edge's
 points x + k way the deepest one is as far below both sides of the ridge. off: from the ridge to x. */
-static int is_near(const field_body *b, const double *x, const double *way, double share, const double *off, const spot *ridge) {
+int tl_is_near_ridge(const tl_field_body *b, const double *x, const double *way, double share, const double *off,
+                     const tl_spot *ridge) {
   const int vertex = (int)(ridge->number / 4), ny = b->f->count[1];
   double left[3], right[3], tilt[3], y[3], deepest[3];
   tl_triangle under;
@@ -173,11 +152,11 @@ static int is_near(const field_body *b, const double *x, const double *way, doub
   tl_add_scaled(more, way, y);
   tl_add_scaled(more, way, deepest);
   if (!(share + more >= 0 && share + more <= 1 && tl_below(b->f, y, &under))) return 0;
-  return tl_dot(left, deepest) >= FARTHER * tl_height_above(&under, y) - TL_SAME;
+  return tl_dot(left, deepest) >= TL_FARTHER * tl_height_above(&under, y) - TL_SAME;
 }
 
 /* The edges of a hull that cross a ridge. */
-static void on_edges(const field_body *b, const spot *ridge) {
+static void on_edges(const tl_field_body *b, const tl_spot *ridge) {
   for (int k = 0; k < b->hull->edges; k++) {
     const int32_t *ends = b->hull->edge + 2 * k, *sides = b->hull->side + 2 * k;
     const double *u = b->solid->way + 3 * k;
@@ -196,13 +175,13 @@ static void on_edges(const field_body *b, const spot *ridge) {
     tl_cross(b->solid->normal + 3 * sides[0], n, left);
     tl_cross(b->solid->normal + 3 * sides[1], n, right);
     if (!(gap < b->reach && n[2] > TL_LEVEL && tl_dot(left, u) <= TL_LEVEL && tl_dot(right, u) >= -TL_LEVEL)) continue;
-    if (tl_supports(b->f, p, n) && (gap > -TL_SAME || is_near(b, x, way, s, apart, ridge)))
-      add(b, b->hull->vertices + k, ridge->number, gap, n, p, 0.5 * gap);
+    if (tl_supports(b->f, p, n) && (gap > -TL_SAME || tl_is_near_ridge(b, x, way, s, apart, ridge)))
+      tl_add_on_field(b, b->hull->vertices + k, ridge->number, gap, n, p, 0.5 * gap);
   }
 }
 
 /* The faces of a hull that a peak touches: the nearest ones, not those on the far side of the hull. */
-static void on_faces(const field_body *b, const spot *peak) {
+static void on_faces(const tl_field_body *b, const tl_spot *peak) {
   const tl_hull *hull = b->hull;
   double away[3], x[3], most = -INFINITY;
   tl_minus(peak->start, b->solid->middle, away);
@@ -215,105 +194,19 @@ static void on_faces(const field_body *b, const spot *peak) {
     while (side < hull->start[k + 1] && tl_dot(hull->inward + 3 * side, x) - hull->depth[side] >= 0) side++;
     const double n[3] = {-out[0], -out[1], -out[2]};
     if (side == hull->start[k + 1] && tl_supports(b->f, peak->start, n))
-      add(b, hull->vertices + hull->edges + k, peak->number, gap, n, peak->start, 0.5 * gap);
+      tl_add_on_field(b, hull->vertices + hull->edges + k, peak->number, gap, n, peak->start, 0.5 * gap);
   }
 }
 
-/* The direction out of an end of a cylinder. */
-static void outward(const field_body *b, int end, double *out) {
-  tl_minus(b->ends[end], b->ends[!end], out);
-  const double length = tl_length(out);
-  for (int i = 0; i < 3; i++) out[i] /= length;
-}
-
-/* The points of a rim that touch triangles: for each of their planes the lowest, the highest, and those between. */
-static void on_rim(const field_body *b, int end) {
-  double out[3], across[3], x[3], away[3];
-  outward(b, end, out);
-  const tl_cells at = tl_cells_within(b->f, b->ends[end], b->one->radius + b->reach);
-  for (int way = 0; way < 4; way++) {
-    const int begin = b->s->count, part = RIMS + 4 * end + way;
-    for (int i = at.first[0]; i < at.end[0]; i++)
-      for (int k = at.first[1]; k < at.end[1]; k++)
-        for (int half = 0; half < 2; half++) {
-          const tl_triangle here = tl_triangle_of(b->f, i, k, half);
-          tl_triangle under;
-          tl_rim_way(here.normal, out, way, across);
-          tl_copy3(b->ends[end], x);
-          tl_add_scaled(b->one->radius, across, x);
-          if (!tl_below(b->f, x, &under) || !is_same(under.normal, here.normal)) continue;
-          tl_minus(x, under.corner[0], away);
-          const double gap = tl_dot(here.normal, away);
-          if (gap < b->reach) add(b, part, number_of(b->f, &under, 0), gap, here.normal, x, -0.5 * gap);
-        }
-    each_once(b->s, begin);
-  }
-}
-
-/* A peak below the disc at an end. */
-static void on_end(const field_body *b, int end, const spot *peak) {
-  double out[3], away[3], across[3];
-  outward(b, end, out);
-  tl_minus(peak->start, b->ends[end], away);
-  const double over = tl_dot(away, out); /* below 0: in the disc's way */
-  tl_copy3(away, across);
-  tl_add_scaled(-over, out, across);
-  const double beside = tl_length(across), radius = b->one->radius, n[3] = {-out[0], -out[1], -out[2]};
-  if (out[2] > -TL_LEVEL || !(beside < radius && over < b->reach && over > beside - radius)) return;
-  if (tl_supports(b->f, peak->start, n)) add(b, end, peak->number, over, n, peak->start, 0.5 * over);
-}
-
-/* The crossings of a ridge and a rim, as seen along the axis. */
-static void on_crossings(const field_body *b, int end, const spot *ridge) {
-  const double radius = b->one->radius;
-  double out[3], start[3], edge[3], inside[3];
-  tl_minus(b->ends[end], b->ends[!end], out);
-  const double length = tl_length(out);
-  for (int i = 0; i < 3; i++) out[i] /= length;
-  tl_minus(ridge->start, b->ends[end], start);
-  const double begin = tl_dot(start, out);
-  tl_add_scaled(-tl_dot(start, out), out, start);
-  tl_copy3(ridge->way, edge);
-  tl_add_scaled(-tl_dot(edge, out), out, edge);
-  const double a = tl_dot(edge, edge), c = tl_dot(start, edge), inner = c * c - a * (tl_dot(start, start) - radius * radius);
-  if (!(inner > 0 && a > TL_SAME * TL_SAME)) return;
-  tl_copy3(start, inside);
-  const double deepest = tl_limited(-c / a, 0, 1); /* of the ridge, below the side */
-  tl_add_scaled(deepest, edge, inside);
-  const double beside = FARTHER * (radius - tl_length(inside)) + TL_SAME, deep = -begin - deepest * tl_dot(ridge->way, out);
-  for (int root = 0; root < 2; root++) {
-    const double share = (-c + (root ? 1 : -1) * sqrt(inner)) / a;
-    double radial[3], tangent[3], n[3], x[3], p[3], apart[3];
-    for (int i = 0; i < 3; i++) radial[i] = (start[i] + share * edge[i]) / radius;
-    tl_cross(out, radial, tangent);
-    tl_cross(tangent, ridge->way, n);
-    const double size = tl_length(n), scale = copysign(1 / size, n[2]);
-    if (!(share >= 0 && share <= 1 && size > TL_LEVEL * tl_length(ridge->way))) continue;
-    for (int i = 0; i < 3; i++) n[i] *= scale;
-    tl_copy3(b->ends[end], x);
-    tl_add_scaled(radius, radial, x);
-    tl_copy3(ridge->start, p);
-    tl_add_scaled(share, ridge->way, p);
-    tl_minus(x, p, apart);
-    const double gap = tl_dot(n, apart), own = tl_dot(apart, out); /* below the end */
-    if (!(gap < b->reach && own < length && (own < beside || deep < beside))) continue; /* the side has the smaller overlap */
-    if (!(-tl_dot(n, out) >= -TL_LEVEL && -tl_dot(n, radial) >= -TL_LEVEL) || !tl_supports(b->f, p, n)) continue;
-    for (int i = 0; i < 3; i++) tangent[i] *= radius;
-    if (!(gap > -TL_SAME) && !is_near(b, x, tangent, 0.5, apart, ridge)) continue;
-    for (int i = 0; i < 3; i++) p[i] = 0.5 * (x[i] + p[i]);
-    add(b, CROSSINGS + 2 * end + root, ridge->number, gap, n, p, 0);
-  }
-}
-
-static void on_spot(const field_body *b, const spot *at) {
+static void on_spot(const tl_field_body *b, const tl_spot *at) {
   if (!b->hull) on_line(b, at);
   else if (at->is_peak) on_faces(b, at);
   else on_edges(b, at);
-  for (int end = 0; end < 2 && b->one->kind == TL_CYLINDER; end++) (at->is_peak ? on_end : on_crossings)(b, end, at);
+  for (int end = 0; end < 2 && b->one->kind == TL_CYLINDER; end++) (at->is_peak ? tl_on_end : tl_on_crossings)(b, end, at);
 }
 
 /* The ridges and peaks near the body. */
-static void on_spots(const field_body *b) {
+static void on_spots(const tl_field_body *b) {
   const tl_field *f = b->f;
   const tl_cells near = tl_cells_over(f, b->low, b->high);
   for (int i = near.first[0]; i <= near.end[0]; i++)
@@ -321,7 +214,7 @@ static void on_spots(const field_body *b) {
       for (int kind = 0; kind < 4; kind++) {
         const int64_t number = (int64_t)i * f->count[1] + k;
         if (!(f->marks[number] >> kind & 1)) continue;
-        spot at = {.number = 4 * number + kind, .is_peak = kind == 3};
+        tl_spot at = {.number = 4 * number + kind, .is_peak = kind == 3};
         tl_field_corner(f, i, k, at.start);
         if (!at.is_peak) {
           tl_field_corner(f, i + (kind != 2), k + (kind != 1), at.way);
@@ -333,7 +226,7 @@ static void on_spots(const field_body *b) {
 
 /* The points of a body over a field. */
 static void detect(tl_scene *s, const tl_on_field *one, double reach) {
-  field_body b = {s, one, s->field + one->field, NULL, NULL, reach, {{0}}, {0}, {0}, s->count};
+  tl_field_body b = {s, one, s->field + one->field, NULL, NULL, reach, {{0}}, {0}, {0}, s->count};
   const double near = one->radius + reach;
   const double *corners = b.ends[0];
   int count = one->kind == TL_BALL ? 1 : 2;
@@ -346,12 +239,14 @@ static void detect(tl_scene *s, const tl_on_field *one, double reach) {
     tl_at(s->turned + 9 * one->body, s->origin + 3 * one->body, one->end[end], b.ends[end]);
   for (int i = 0; i < 3; i++) {
     b.low[i] = INFINITY, b.high[i] = -INFINITY;
-    for (int k = 0; k < count; k++) b.low[i] = fmin(b.low[i], corners[3 * k + i]), b.high[i] = fmax(b.high[i], corners[3 * k + i]);
-    b.low[i] -= near, b.high[i] += near;
+    for (int k = 0; k < count; k++) {
+      b.low[i] = fmin(b.low[i], corners[3 * k + i] - near);
+      b.high[i] = fmax(b.high[i], corners[3 * k + i] + near);
+    }
   }
   if (!(b.low[2] <= b.f->top)) return;
   for (int k = 0; k < count && one->kind != TL_CYLINDER; k++) on_corner(&b, k, corners + 3 * k);
-  for (int end = 0; end < 2 && one->kind == TL_CYLINDER; end++) on_rim(&b, end);
+  for (int end = 0; end < 2 && one->kind == TL_CYLINDER; end++) tl_on_rim(&b, end);
   if (one->kind != TL_BALL) on_spots(&b);
 }
 
