@@ -253,6 +253,8 @@ def test_a_page_and_a_film_are_saved_by_their_endings(tmp_path: Path) -> None:
     run = tl.simulate(tl.load_scene("arm-swing"), 0.1)
     assert run.save(tmp_path / "a.html").read_text() == run.playback(tmp_path / "b.html").read_text()
     assert run.save(tmp_path / "a.gif").read_bytes().startswith(b"GIF89a")
+    with pytest.raises(tl.errors.TwolinkError, match=r"known: \.csv, .*\.html, \.mp4, \.webm, \.gif"):
+        run.save(tmp_path / "a.avi")
 
 
 @pytest.mark.parametrize("name", ["x.gif", "x.mp4", "x.htm", "x"])

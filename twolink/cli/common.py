@@ -27,12 +27,12 @@ from twolink.robots.catalogue import catalogue_entry, catalogue_names
 from twolink.scenes import Scene, bundled_scenes
 from twolink.scenes.urdf_scene import is_robot, named_scene, scene_of
 from twolink.show.figure import FORMATS
-from twolink.simulation.recording import SAVED
+from twolink.simulation.recording import SAVED, SHOWN
 from twolink.simulation.trajectory import Trajectory
 
 FAILED, MISUSED, INTERRUPTED = 1, 2, 130
 _CALLS = ("load_robot", "load_scene")  # places in Python, which mean nothing on a command line
-RUN_ENDINGS = (*SAVED, *FORMATS, ".html")
+RUN_ENDINGS = (*SAVED, *FORMATS, *SHOWN)
 STUDY_ENDINGS = (*FORMATS, ".json", *SUFFIXES)
 
 

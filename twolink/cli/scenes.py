@@ -166,7 +166,7 @@ def run(
     """Simulate a scene, with an error bar and its cost.
 
     --out writes samples (.csv .parquet .npz .mat), a recording (.mcap .db3 .rrd), a figure (.png .svg .pdf) or a
-    playback (.html).
+    playback (.html) or a film (.mp4 .webm .gif).
 
     \b
     twolink run panda                                    with the damping, friction and stops of its URDF

@@ -20,6 +20,7 @@ from twolink.robots.joint_layout import JointLayout, counted_on
 from twolink.simulation import trajectory_tables as tables
 
 SAVED = (*SUFFIXES, ".mat", *bags.BAGS, ".rrd")
+SHOWN = ".html", ".mp4", ".webm", ".gif"  # a playback, and films
 
 INFO = 20  # of rcl_interfaces/msg/Log
 
@@ -29,7 +30,10 @@ log = logging.getLogger("twolink")
 
 def save_run(run: Any, path: Path) -> Path:
     """Write a Trajectory; see its `save`."""
-    suffix = require_format(path, SAVED)
+    suffix = require_format(path, (*SAVED, *SHOWN))
+    if suffix in SHOWN:
+        shown: Path = run.playback(path) if suffix == ".html" else run.video(path)
+        return shown
     if suffix == ".rrd":
         return _save_rrd(run, path)
     notes = {**robot_notes(run.robot), "title": run.title, "bound": run.bound,

@@ -338,10 +338,7 @@ class Trajectory(BaseResult, Plotted):
         .html; .mp4, .webm, .gif
             What `playback` and `video` make.
         """
-        target = path_to_write(path)
-        if (kind := target.suffix.lower()) == ".html":
-            return self.playback(target)
-        return self.video(target) if kind in (".mp4", ".webm", ".gif") else save_run(self, target)
+        return save_run(self, path_to_write(path))
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], robot: Robot | None = None) -> Trajectory:
