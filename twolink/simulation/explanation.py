@@ -186,21 +186,12 @@ def explain(
     taken = {i: equations.operations - count for i, count in counts.items()}
     shares = [Share(kebab_case(type(effect).__name__), taken.get(i, 0)) for i, effect in enumerate(scene.effects)]
     return Explanation(
-        scene.title or scene.robot.name,
-        tuple(_shortened(repr(effect)) for effect in scene.effects),
+        scene.title or scene.robot.name, tuple(_shortened(repr(effect)) for effect in scene.effects),
         (*_notes(scene, chosen), *_digits(more, accuracy), *_states(equations), *_laws(equations)),
-        _formulation(equations),
-        equations.moving,
-        equations.operations,
-        tuple(shares),
-        _nanoseconds(equations, choice),
-        choice.method.name,
-        choice.setting,
-        choice.why,
-        accuracy,
-        length,
+        _formulation(equations), equations.moving, equations.operations, tuple(shares),
+        _nanoseconds(equations, choice), choice.method.name, choice.setting, choice.why, accuracy, length,
         _expected(equations, choice, with_ends(times, length)),
-    )
+    )  # fmt: skip
 
 
 def _shortened(text: str) -> str:
