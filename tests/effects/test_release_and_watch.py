@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import twolink as tl
-from tests.effects.bodies import G, kinds, planar, slider, solved, times
+from tests.effects.bodies import G, kinds, planar, slider, sliders, solved, times
 from tests.effects.cases import E
 from tests.near import assert_near
 from tests.urdf_text import joint, link, robot_of
@@ -142,6 +142,17 @@ def test_then_gives_a_kick(at: float) -> None:
     run = solved(slider(), [E.DryFriction({"x": 3.0}), kick], 3.0)
     late = np.clip(run.t - at, 0, 2 / 3)
     assert_near(run.q[:, 0] - 2 * late + 1.5 * late**2, 0.0, 1e-9)
+
+
+def test_then_gives_a_kick_that_loops_share() -> None:
+    """1 kg that is kicked to 3 m/s and 2 kg coupled to it go on with 1 m/s; q that opens the loop is refused."""
+    coupled = [E.Coupling("one", "two", 1.0)]
+    kick = E.Watch("kick", at=0.5, then=lambda q, v: (q, np.add(v, (3.0, 0.0))))
+    run = solved(sliders(), [*coupled, kick], 1.0)
+    assert_near(run.q, np.fmax(run.t - 0.5, 0.0)[:, None] * [1.0, 1.0], 1e-12)
+    moved = E.Watch("moved", at=0.5, then=lambda q, v: (np.add(q, (0.1, 0.0)), v))
+    with pytest.raises(tl.errors.SceneError, match=r"`then` of 'moved' opens the loops: q is 0\.0667 off"):
+        tl.simulate(tl.Scene(sliders(), effects=[*coupled, moved]), 1.0)
 
 
 @pytest.mark.parametrize("given", [lambda q, v: None, lambda q, v: (q, v * np.nan), lambda q, v: (q[:0], v)])  # noqa: ARG005

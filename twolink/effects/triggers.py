@@ -29,7 +29,7 @@ class Watch(SwitchingEffect, frozen=True):
     stop : bool
         Whether the run ends there.
     then : callable, optional
-        From Python only: (q, v) -> (q, v) after the event.
+        From Python only: (q, v) -> (q, v) after the event. Loops answer a change of v by their impulse.
     direction : {0, 1, -1}
         1: only where the value (q - value of a joint, the function) rises through 0; -1: only where it falls; 0: both.
     """

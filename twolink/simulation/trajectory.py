@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from twolink.dynamics import Robot
 from twolink.dynamics.arguments import Names, array, instance
-from twolink.errors import SceneError, ShowError
+from twolink.errors import SceneError, ShowError, import_extra
 from twolink.integrate.dense_output import DenseOutput
 from twolink.integrate.solution import UNSTABLE, Event, estimated_since
 from twolink.io.files import path_to_write
@@ -284,7 +284,7 @@ class Trajectory(BaseResult, Plotted):
 
         Raises MissingExtraError where pandas is not installed.
         """
-        return tables.as_frame(self.columns())
+        return import_extra("pandas", tables.EXTRA).DataFrame(self.columns()).set_index("t")
 
     def to_dict(self) -> dict[str, Any]:
         """The summary of the run for JSON; its samples are in `columns()`.

@@ -180,11 +180,6 @@ def as_dataset(run: Run, attributes: Mapping[str, Any]) -> Any:
     return xarray.Dataset(variables, coordinates, dict(attributes))
 
 
-def as_frame(table: Mapping[str, np.ndarray]) -> Any:
-    """A pandas.DataFrame with the columns by name and t as its index. Raises MissingExtraError."""
-    return import_extra("pandas", EXTRA).DataFrame(table).set_index("t")
-
-
 def drawn_curves(run: Run, *, whole: bool = False) -> tuple[Curves, tuple[np.ndarray, np.ndarray]]:
     """(t, q, v), and times with energies: where the robots of the samples change, the energies at the samples."""
     t, q, v = states(run, whole=whole)

@@ -11,7 +11,7 @@ import numpy as np
 
 from twolink.effects.switching import Trigger, same_time
 from twolink.errors import SceneError
-from twolink.integrate.hybrid.consistency import ALLOWED, SLOW
+from twolink.integrate.hybrid.consistency import ALLOWED, NEAR, SLOW
 from twolink.integrate.hybrid.contact_problem import lock_limits
 from twolink.integrate.hybrid.force_share import EMPTY, TIGHT, ForceDistributionProblem, share_of
 from twolink.integrate.hybrid.impacts import catch_touch, contact_touch, onto_contact, resolved, stop_touch
@@ -297,11 +297,24 @@ def _act(run: RunState, n: int, direction: int = 0) -> None:
         nq, v_rows = run.system.nq, run.system.whole.space.v_rows
         changed = trigger.state(run.x[:nq].copy(), run.x[v_rows].copy())
         run.x[: v_rows.stop] = _checked(changed, nq, run.system.robot.nv, trigger.name)
+        if run.system.whole.constraints is not None:
+            run.x = _closed(run, trigger.name)
         run.sides.pop(("trigger", n), None)  # its value may be on any side then
         run.fired.clear()
         run.require_room(f"`then` of {trigger.name!r}")
     energy = before - run.stored_energy() if trigger.changes else 0.0
     run.note(trigger.kind, trigger.name, energy=energy, effect=place, direction=direction)
+
+
+def _closed(run: RunState, name: str) -> Array:
+    """The state after a change, with the impulse by which loops answer a kick. Raises SceneError for open loops."""
+    free = replace(run.mode.with_contacts((), len(run.mode.contacts)), locked=frozenset())
+    closed, nq = run.in_mode(free).closed(), run.system.nq
+    opened = float(np.abs(closed[:nq] - run.x[:nq]).max(initial=0.0))
+    if opened > NEAR:
+        raise SceneError(f"`then` of {name!r} opens the loops: q is {opened:.3g} off", where="effects",
+                         remedy="change v alone, or q along what they allow", code="loops-open")  # fmt: skip
+    return closed
 
 
 def _begin_states(run: RunState, place: int) -> None:
