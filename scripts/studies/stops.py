@@ -158,8 +158,9 @@ def check(number: int, given: argparse.Namespace) -> Judged:
 def show(rows: list[Judged], _given: argparse.Namespace) -> Bars:
     """How often each outcome came."""
     print(dict(collections.Counter(row.outcome for row in rows)))
-    bad = sum(row.fails for row in rows)
-    return [(not bad, f"wrong in silence, crashes: {bad} of {len(rows)} (bar: none)")]
+    bad, refused = sum(row.fails for row in rows), sum(row.outcome == "refused" for row in rows)
+    return [(not bad, f"wrong in silence, crashes: {bad} of {len(rows)} (bar: none)"),
+            (refused <= 0.05 * len(rows), f"refused: {refused} of {len(rows)} (bar: 5 %)")]  # fmt: skip
 
 
 if __name__ == "__main__":
