@@ -133,6 +133,22 @@ def test_what_happens_at_a_time_does_not_repeat(pendulum_urdf: str, what: str) -
         tl.periodic_motion(scene, 1.5)
 
 
+def test_forces_that_repeat_at_the_start_alone_do_not_repeat(pendulum_urdf: str) -> None:
+    """A vertical force has no torque where the pendulum hangs. It repeats after 2 pi / 9 s."""
+    shaken = [E.Gravity(), E.FrameWrench("bob", (0.0, 0.0, E.Sine(8.0, 9.0)), point=(0.0, 0.0, -0.5))]
+    scene = tl.Scene(tl.load_robot(pendulum_urdf), [0.0], [3.0], effects=shaken)
+    with refusal(SceneError, code="depends-on-time", match="repeat"):
+        tl.periodic_motion(scene, 1.7)
+
+
+def test_what_begins_at_a_condition_is_not_of_a_motion_that_repeats(pendulum_urdf: str) -> None:
+    """The state after one period is that of the start, but a spring acts from then on."""
+    spring = E.Engage(E.JointSpring({"hinge": 8.0}), when=E.JointReaches("hinge", 0.1))
+    effects = [E.Gravity(), E.JointDamping({"hinge": 0.4}), E.Torque({"hinge": E.Sine(1.0, 5.0)}), spring]
+    with refusal(AccuracyError, code="no-periodic-motion", match="once"):
+        tl.periodic_motion(tl.Scene(tl.load_robot(pendulum_urdf), [0.0], [0.5], effects), 2 * np.pi / 5)
+
+
 def test_a_motion_that_an_event_ends_has_no_period(pendulum_urdf: str) -> None:
     """One that is watched and goes on has that of the pendulum."""
     robot = tl.load_robot(pendulum_urdf)

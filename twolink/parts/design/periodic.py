@@ -18,12 +18,11 @@ from twolink.dynamics.arguments import Positive, instance, positive, texts, whol
 from twolink.effects.inputs import SAME_TIME
 from twolink.errors import AccuracyError, SceneError
 from twolink.integrate.motion.equations import Equations
-from twolink.integrate.motion.pinocchio_rate import rate
 from twolink.integrate.motion.scene_equations import equations_of, require_no_states
 from twolink.integrate.motion.state import Array
 from twolink.io.text import Table
 from twolink.parts.design.eigenvalues import eigenvalues
-from twolink.parts.design.smooth import depends_on_time
+from twolink.parts.design.smooth import PHASES, depends_on_time, require_repeating
 from twolink.scenes import Scene
 from twolink.scenes.scene import accuracy_of
 from twolink.show.figure import Plotted, plot_eigenvalues
@@ -40,7 +39,6 @@ HALVINGS = 8  # of a step that does not bring the ends nearer
 SHORTEST = 0.1  # of the guess: periods
 RANK = 1e-7  # relative: singular values below it belong to families of periodic motions
 ROUNDS = 30  # of Newton's method
-REPEATS = 1e-9  # relative: forces that differ by less repeat
 AT_REST = 1e3  # times the accuracy: velocities below it are none
 CLOSED = 10.0  # times the accuracy, by which the ends of a period may miss each other
 
@@ -323,7 +321,7 @@ def periodic_motion(
     autonomous = not depends_on_time(equations)
     segments = whole(segments, "segments", SceneError, "such as 4", 1, 1000)
     if not autonomous:
-        _require_repeating(equations, period)
+        require_repeating(equations, period, np.tile(equations.start[: equations.moving], (len(PHASES), 1)))
         if segments > 1:
             raise SceneError("forces depend on time, and runs begin at t = 0", argument="segments",
                              remedy="leave it at 1", code="depends-on-time")  # fmt: skip
@@ -345,7 +343,9 @@ def periodic_motion(
         raise AccuracyError("only an equilibrium was found near, where nothing moves", where="start",
                             remedy="start farther from it; with damping a motion needs a drive",
                             code="no-periodic-motion", period=shots.period, residual=shots.size)  # fmt: skip
-    return _result(shooting, shots, change)
+    found = _result(shooting, shots, change)
+    _require_same_forces(equations, found)
+    return found
 
 
 def _result(shooting: Shooting, shots: Shots, change: float) -> PeriodicMotion:
@@ -374,13 +374,12 @@ def _directions(scene: Scene, vary: Sequence[str]) -> Array:
     return wanted.start[:states]
 
 
-def _require_repeating(equations: Equations, period: float) -> None:
-    """Require forces that are the same a period later, at the start's state."""
-    x = equations.start[: equations.moving]
-    for t in period * np.array([0.0, 0.137, 0.421, 0.788]):
-        now, later = (rate(equations, s, np.concatenate([x, equations.layout.numbers_at(s)])[:, None])
-                      for s in (float(t), float(t + period)))  # fmt: skip
-        moving = slice(equations.space.nq, equations.moving)
-        if np.abs(now[moving] - later[moving]).max() > REPEATS * (1.0 + np.abs(now[moving]).max()):
-            raise SceneError(f"forces depend on time and do not repeat after {period:g} s", argument="period",
-                             remedy="give a multiple of their period", code="depends-on-time")  # fmt: skip
+def _require_same_forces(equations: Equations, found: PeriodicMotion) -> None:
+    """Require a motion whose forces are the same in the next period."""
+    for event in found.run.events:
+        if event.kind in ("engage", "release"):
+            raise AccuracyError(f"{event.what!r} begins or ceases to act at {event.t:.6g} s, once: no motion repeats "
+                                "itself", where="effects", remedy="leave it out: scene.without(index)",
+                                code="no-periodic-motion")  # fmt: skip
+    if not found.autonomous:
+        require_repeating(equations, found.period, np.hstack(found.run.at(found.period * PHASES)))

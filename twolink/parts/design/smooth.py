@@ -40,6 +40,8 @@ STEPS = (0.03, 0.02, 0.01, 3e-3, 1e-3, 1e-4, 1e-5)  # rad, m, per second, N m
 ENOUGH = 1e-11  # relative: two differences that agree so well are not followed by shorter steps
 AGREEMENT = 1e-6  # relative
 CHECKED = 3  # states of a motion
+PHASES = np.array([0.0, 0.137, 0.421, 0.788])  # parts of a period at which forces are compared
+REPEATS = 1e-9  # relative: forces that differ by less repeat
 Formula = Callable[[Equations, Mechanism, Any, Any, Any], Sequence[Any]]
 
 
@@ -94,6 +96,17 @@ def require_constant_forces(equations: Equations, else_what: str) -> None:
             f"its forces depend on time{else_what}", where="scene", code="depends-on-time",
             remedy="leave out effects with functions of time, or that begin or cease at a time",
         )  # fmt: skip
+
+
+def require_repeating(equations: Equations, period: float, states: Array) -> None:
+    """Require forces that are the same a period later, at states (n, moving) of its PHASES. Raises SceneError."""
+    for t, x in zip(period * PHASES, states, strict=True):
+        now, later = (rate(equations, s, np.concatenate([x, equations.layout.numbers_at(s)])[:, None])
+                      for s in (float(t), float(t + period)))  # fmt: skip
+        moving = slice(equations.space.nq, equations.moving)
+        if np.abs(now[moving] - later[moving]).max() > REPEATS * (1.0 + np.abs(now[moving]).max()):
+            raise SceneError(f"forces depend on time and do not repeat after {period:g} s", argument="period",
+                             remedy="give a multiple of their period", code="depends-on-time")  # fmt: skip
 
 
 def _require_no_contact(run: RunState) -> None:
