@@ -41,22 +41,27 @@ def test_bodies_beyond_the_memory_of_a_whole_fall_without_overlap_or_gain_of_ene
 
 
 @pytest.mark.slow
-def test_spheres_in_a_box_come_to_rest_without_overlap_or_gain_of_energy() -> None:
-    """They hold each other in rings, in which forces are not determined. One may spin on its place."""
+@pytest.mark.parametrize("seed", [1, 5, 8])
+@pytest.mark.parametrize("h", [5e-3, 1.25e-3])
+def test_spheres_in_a_box_come_to_rest_without_overlap_or_gain_of_energy(seed: int, h: float) -> None:
+    """They hold each other in rings, in which forces are not determined. One may spin on its place.
+
+    The energy grows by no more than terms of order h^3.
+    """
     names, wide = [f"s{k}" for k in range(27)], 3.6 * R
     grid = np.stack(np.meshgrid(*[np.arange(3.0)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
-    shift = np.random.default_rng(1).uniform(-0.1, 0.1, grid.shape)
+    shift = np.random.default_rng(seed).uniform(-0.1, 0.1, grid.shape)
     places = R * (2.4 * (grid - [1, 1, 0]) + [0, 0, 1.5] + shift)
     q = np.concatenate([places, np.tile([0, 0, 0, 1.0], (27, 1))], axis=1).ravel()
     walls = [E.Plane(n, -wide) for n in ((1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, -1.0, 0.0))]
     pairs = ("self", "ground", *((name, wall) for name in names for wall in walls))
     contact = E.Contact(pairs, 0.3, shapes=spheres(*names, radius=R))
     scene = tl.Scene(free_bodies(*names, inertia=0.4 * R**2), q, effects=[E.Gravity(), contact])
-    run = stepped(scene, 2.0, 5e-3, samples=200)
+    run = stepped(scene, 2.0, h, samples=200)
     assert run.contact_record["overlap"] < 1e-8
     assert run.contact_record["halved"] == 0
-    assert np.diff(run.energy).max() < 1e-12 * run.energy[0]
-    assert_near(run.v[-1].reshape(-1, 6)[:, :3], 0.0, 1e-2)
+    assert np.diff(run.energy).max() < 5.0 * h**3 * run.energy[0]
+    assert_near(run.v[-1].reshape(-1, 6)[:, :3], 0.0, 2e-2)
 
 
 def test_their_energy_is_that_of_each_body(towers: tl.Trajectory) -> None:

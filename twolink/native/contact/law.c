@@ -91,10 +91,10 @@ static double meet(const tl_scene *s, tl_law *law, int k, int still) {
   return start;
 }
 
-/* The laws of the scene's points in a step that begins with v and would end with `free` without impulses. guess: impulses to
-begin with, NULL: those of the last step. */
+/* The laws of the scene's points in a step that begins with v and would end with `free` without impulses. last: those of the same
+points, whose impulses are those to begin with, of points that are active; NULL: those of the last step. */
 int tl_new_law(tl_scene *s, double h, const double *v, const double *free, tl_row *rows, const tl_memory *memory,
-               const double *guess, tl_law *law) {
+               const tl_law *last, tl_law *law) {
   const int code = take(s, law, s->count);
   if (code) return code;
   law->h = h, law->share = 1.0, law->points = s->points, law->rows = rows;
@@ -107,7 +107,7 @@ int tl_new_law(tl_scene *s, double h, const double *v, const double *free, tl_ro
     law->known[k] = 1, law->stuck[k] = memory->stuck[place], still[k] = memory->still[place];
     for (int i = 0; i < 3; i++) law->guess[3 * k + i] = law->lasting[3 * k + i] = h * memory->forces[3 * place + i];
   }
-  if (guess) memcpy(law->guess, guess, 3 * (size_t)law->n * sizeof(double));
+  if (last) memcpy(law->guess, last->guess, 3 * (size_t)law->n * sizeof(double));
   double *begins = law->ends; /* until they are needed */
   for (int first = 0, end; first < law->n; first = end) {
     int count = 0;
@@ -124,7 +124,7 @@ int tl_new_law(tl_scene *s, double h, const double *v, const double *free, tl_ro
   }
   for (int k = 0; k < law->n; k++) {
     law->ends[k] = law->points[k].gap + 0.5 * h * law->after[3 * k + 2];
-    law->active[k] = law->known[k];
+    law->active[k] = law->known[k] || (last && last->guess[3 * k + 2] > 0.0);
   }
   /* What these hold up needs no impulse of its own. */
   activate_lowest(law, TL_CLOSED, 0);

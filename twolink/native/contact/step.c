@@ -75,7 +75,8 @@ static int with_contacts(tl_scene *s, const tl_task *task, const double *middle,
   if (!tl_is_finite(free, s->nv)) return TL_NOT_FINITE;
   tl_keep_loops(s, free);
   tl_ended again;
-  code = tl_new_law(s, task->h, task->v, free, rows, task->memory, law.guess, &law);
+  const tl_law last = law;
+  code = tl_new_law(s, task->h, task->v, free, rows, task->memory, &last, &law);
   if (!code) code = tl_end_of_step(s, task, &law, free, middle, &again);
   if (!code) *out = again;
   return code == TL_HALVE ? TL_FINE : code;

@@ -31,7 +31,7 @@ typedef struct {
 
 int tl_in_order(tl_scene *s, const tl_law *law, const uint8_t *marked, tl_place_of **order, int *size);
 int tl_new_law(tl_scene *s, double h, const double *v, const double *free, tl_row *rows, const tl_memory *memory,
-               const double *guess, tl_law *law);
+               const tl_law *last, tl_law *law);
 int tl_missed(tl_scene *s, tl_law *law, const tl_solution *found);
 int tl_solve_law(tl_scene *s, tl_law *law, const double *free, tl_solution *out);
 int tl_without_gain(tl_scene *s, tl_law *law, const double *free, tl_solution *out);
