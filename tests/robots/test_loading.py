@@ -1,5 +1,6 @@
 """Loading: names, paths, text; the report; locale; comparison with yourdfpy; drawing and locking."""
 
+import dataclasses
 import shutil
 import subprocess
 import sys
@@ -87,6 +88,20 @@ def test_yourdfpy_reads_the_same_robot(name: str) -> None:
     assert second["mass"] < 1e-9
 
 
+@pytest.mark.parametrize(("was", "other", "key", "size"), [
+    ('forearm"/><origin xyz="1.0', 'forearm"/><origin xyz="1.1', "frames", 0.1),
+    ('mass value="3.0', 'mass value="4.0', "mass", 1.0),
+])  # fmt: skip
+def test_what_yourdfpy_reads_otherwise_differs(was: str, other: str, key: str, size: float) -> None:
+    """An elbow 0.1 m farther out, an upper arm of 1 kg more, in the text that the second reader gets."""
+    robot = tl.load_robot("two_link")
+    assert was in robot.visuals.text
+    robot.visuals = dataclasses.replace(robot.visuals, text=robot.visuals.text.replace(was, other))
+    second = compare(robot)
+    assert not second["agree"]
+    assert second[key] == pytest.approx(size, rel=0.1)
+
+
 @pytest.mark.parametrize("more", ['armature="0.5"', 'armature="0.5" mu_viscous="1"', 'armature="0.5" friction="0.2"'])
 def test_dynamics_without_damping_is_read(more: str) -> None:
     """M = I + m r^2 + armature, and the shapes are read too."""
@@ -136,8 +151,8 @@ def test_report_names_what_is_ignored_repaired_and_assumed() -> None:
         kind: " | ".join(str(f) for f in getattr(report, kind)) for kind in ("read", "ignored", "repaired", "assumed")
     }
     assert "4 links of 2 kg, 1 revolute, 1 continuous, 1 fixed" in said["read"]
-    for part in ("damping", "friction", "mimic", "collision", "transmissions", "<gazebo>", "safety controllers",
-                 "package://nowhere/a.stl", "limits"):  # fmt: skip
+    for part in ("joint damping (", "joint friction (", "mimic", "collision", "transmissions", "<gazebo>",
+                 "safety controllers", "package://nowhere/a.stl", "limits"):  # fmt: skip
         assert part in said["ignored"], part
     assert "normalised: j" in said["repaired"]
     for part in ("merged into the body", "without <inertial>", "turn or slide along x: k", "taken as no limits: j",
