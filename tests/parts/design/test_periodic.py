@@ -86,6 +86,20 @@ def test_the_papers_cycle_made_exact() -> None:
     assert abs(again.at(found.period / 2)[1]).max() < 1e-8  # at rest again after half of it
 
 
+def test_parallel_links_swing_as_a_pendulum_does() -> None:
+    """Without another motion of the family: T = 4 K(sin(A / 2)) / omega, omega being that of small swings."""
+    scene = tl.load_scene("four-bar")
+    hanging = np.pi / 2 * np.array([0.0, -1.0, -1.0, 1.0, -1.0])
+    omega = float(tl.linearize(scene, hanging).eigenvalues[0].imag)
+    start = tl.Scene(scene.base, hanging + 0.3 * np.array([0.0, 1.0, 1.0, -1.0, 1.0]), effects=scene.effects)
+    found = tl.periodic_motion(start, 2 * np.pi / omega, ["q"], accuracy=1e-8)
+    amplitude = found.scene.q[1] + np.pi / 2
+    assert abs(amplitude - 0.3) < 0.01
+    period = 4 * ellipk(np.sin(amplitude / 2) ** 2) / omega
+    assert abs(found.period - period) <= 1e-8
+    assert found.stability == "neutral"
+
+
 def test_segments_find_the_same_motion() -> None:
     scene = tl.load_scene("arm-swing")
     one, many = (tl.periodic_motion(scene, 2.5, ["q.elbow"], segments=n, accuracy=1e-8) for n in (1, 3))

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 HALVINGS = 8  # of a step that does not bring the ends nearer
 SHORTEST = 0.1  # of the guess: periods
 RANK = 1e-7  # relative: singular values below it belong to families of periodic motions
+FAMILY, ENOUGH = 1e-2, 0.1  # relative: such values near a family, along which no step is needed that leaves little
 ROUNDS = 30  # of Newton's method
 AT_REST = 1e3  # times the accuracy: velocities below it are none
 CLOSED = 10.0  # times the accuracy, by which the ends of a period may miss each other
@@ -114,18 +115,18 @@ class Shooting:
 
     def improved(self, shots: Shots) -> Shots | None:
         """The shots after a step of Newton's method, shortened until the gaps become smaller; None where none does."""
-        step = -self.inverse(shots) @ shots.gaps.ravel()
-        for halving in range(HALVINGS):
-            factor = 0.5**halving
+        trials = [(FAMILY, 1.0, ENOUGH), *((RANK, 0.5**halving, 1.0) for halving in range(HALVINGS))]
+        for rank, factor, share in trials:
+            step = -factor * self.inverse(shots, rank) @ shots.gaps.ravel()
             try:
-                after = self._moved(shots, factor * step)
+                after = self._moved(shots, step)
             except (AccuracyError, SceneError):  # too far: beyond a stop, or it cannot be followed from there
                 continue
-            if np.linalg.norm(after.gaps) < np.linalg.norm(shots.gaps):
+            if np.linalg.norm(after.gaps) < share * np.linalg.norm(shots.gaps):
                 return after
         return None
 
-    def inverse(self, shots: Shots) -> Array:
+    def inverse(self, shots: Shots, rank: float = RANK) -> Array:
         """The changes of what is free (k + (n - 1) 2 nv + 1, n 2 nv) by the gaps, without a shift in time."""
         n, size = self.segments, shots.gaps.shape[1]
         whole = np.zeros((n, size, n, size))
@@ -140,7 +141,7 @@ class Shooting:
         phase = np.zeros((1, matrix.shape[1]))
         if self.free_period:
             phase[0, : self.directions.shape[1]] = np.concatenate([run.v[0], run.acceleration[0]]) @ self.directions
-        return np.linalg.pinv(np.concatenate([matrix, phase]), rcond=RANK)[:, :-1]
+        return np.linalg.pinv(np.concatenate([matrix, phase]), rcond=rank)[:, :-1]
 
     def _moved(self, shots: Shots, step: Array) -> Shots:
         """The shots from changed starts and another period."""
@@ -232,7 +233,8 @@ class PeriodicMotion(BaseResult, Plotted):
         """Of the motion as a whole, shifts in time apart.
 
         "asymptotically stable": all other multipliers are inside the unit circle. "unstable": one is outside.
-        "neutral": all are on it as far as their errors tell, as of conservative scenes. "unknown": else.
+        "neutral": all are on it as far as their errors tell, as of conservative scenes, or 0, as of what loops close.
+        "unknown": else.
         """
         sizes, errors = np.abs(self.multipliers), self.multiplier_errors
         if (sizes - errors > 1.0).any():
@@ -242,7 +244,7 @@ class PeriodicMotion(BaseResult, Plotted):
             sizes, errors = np.delete(sizes, shift), np.delete(errors, shift)
         if (sizes + errors < 1.0).all():
             return "asymptotically stable"
-        return "neutral" if (np.abs(sizes - 1.0) <= errors).all() else "unknown"
+        return "neutral" if (np.minimum(np.abs(sizes - 1.0), sizes) <= errors).all() else "unknown"
 
     def table(self) -> Table:
         """The multipliers: real and imaginary part, size, error."""
