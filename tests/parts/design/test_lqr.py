@@ -54,6 +54,19 @@ def test_effort_is_limited() -> None:
     assert np.abs(tau).max() == pytest.approx(8.0)
 
 
+def test_limits_below_what_holds_it_are_refused() -> None:
+    """Gravity asks for |g(q)| at rest; limits just above it hold it."""
+    scene = tl.Scene(ARM, [0.4, 0.9], effects=[E.Gravity()])
+    needed = np.abs(scene.robot.gravity_torque(scene.q))
+    with refusal(SceneError, code="not-equilibrium", match="elbow.*limit"):
+        tl.lqr(scene, 1.0, 1.0, effort={"elbow": 0.99 * needed[1]})
+    regulator = tl.lqr(scene, 1.0, 1.0, effort={"shoulder": 1.01 * needed[0], "elbow": 1.01 * needed[1]})
+    run = tl.simulate(scene.with_effects([*scene.effects, regulator]), 1.0)
+    assert np.abs(run.q[-1] - scene.q).max() < 1e-6
+    with refusal(SceneError, match="wrist"):
+        tl.lqr(scene, 1.0, 1.0, effort={"wrist": 99.0})
+
+
 def test_a_regulated_scene_is_saved_and_loaded(tmp_path) -> None:
     _, closed = upright(["elbow"], {"elbow": 30.0})
     again = tl.load_scene(closed.save(tmp_path / "held.toml"))

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twolink.dynamics.arguments import instance
-from twolink.effects.controllers import Limits, StateFeedback
+from twolink.effects.checks import check_effect
+from twolink.effects.controllers import Limits, StateFeedback, limit_of
 from twolink.errors import SceneError
 from twolink.integrate.motion.scene_equations import equations_of, require_no_states
 from twolink.parts.design.linearization import AT_REST, Linearization, linearize
@@ -56,8 +57,9 @@ def lqr(
     Raises
     ------
     SceneError
-        A weight does not fit (code "weights"); the inputs cannot hold q at rest (code "not-equilibrium"); some unstable
-        motion cannot be reached by them (code "not-stabilizable"); forces depend on time; or as `linearize`.
+        A weight does not fit (code "weights"); the inputs cannot hold q at rest, or not within `effort` (code
+        "not-equilibrium"); some unstable motion cannot be reached by them (code "not-stabilizable"); forces depend on
+        time; or as `linearize`.
 
     Notes
     -----
@@ -79,7 +81,15 @@ def lqr(
     gain[:, [*at_rest.independent, *(nv + k for k in at_rest.independent)]] = _gain(at_rest, state, control)
     rows = {joint: tuple(row.tolist()) for joint, row in zip(at_rest.inputs, gain, strict=True)}
     torques = dict(zip(at_rest.inputs, at_rest.tau.tolist(), strict=True))
-    return StateFeedback(rows, tuple(at_rest.q.tolist()), torques, effort)
+    regulator = StateFeedback(rows, tuple(at_rest.q.tolist()), torques, effort)
+    check_effect(regulator, scene.robot)
+    for joint, torque in torques.items():
+        limit = limit_of(joint, effort, scene.robot.model)
+        if limit is not None and abs(torque) > limit:
+            raise SceneError(f"{abs(torque):.3g} at {joint!r} holds it there, above the limit {limit:g}",
+                             argument="effort", code="not-equilibrium",
+                             remedy="raise the limit, or give a q that needs less")  # fmt: skip
+    return regulator
 
 
 def linearized_at_rest(scene: Scene, q: ArrayLike | None = None, inputs: Sequence[str] | None = None) -> Linearization:
