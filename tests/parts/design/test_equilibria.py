@@ -44,6 +44,16 @@ def test_equilibria_beyond_stops_are_left_out() -> None:
                       [-np.pi / 2, np.pi])  # fmt: skip
 
 
+def test_those_left_out_are_counted() -> None:
+    """Of the arm's four, two are beyond a stop of the elbow; friction holds all, so none has derivatives."""
+    stops = E.JointStops({"elbow": (-1.0, 1.0)})
+    for effect, left in ((stops, 2), (E.DryFriction({"elbow": 0.5}), 4)):
+        found = tl.equilibria(tl.Scene(ARM, [2.0, 0.1], effects=[E.Gravity(), effect]), starts=24)
+        assert (len(found), found.left_out) == (4 - left, left)
+        assert f"{left} left out" in str(found)
+    assert "left out" not in str(tl.equilibria(tl.Scene(ARM, effects=[E.Gravity()]), starts=4))
+
+
 def test_damping_decides_at_the_lowest() -> None:
     damped = tl.Scene(ARM, effects=[E.Gravity(), E.JointDamping({"shoulder": 0.5})])
     assert tl.equilibria(damped, [-1.5, 0.1])[0].stability == "asymptotically stable"

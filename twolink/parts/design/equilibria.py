@@ -52,11 +52,14 @@ class Equilibria(BaseResult, Plotted, Sequence[Linearization]):
         How many configurations Newton's method began from.
     failed : int
         From how many it found none.
+    left_out : int
+        Points at rest that are not listed: forces have no derivatives there, or they are beyond stops or planes.
     """
 
     found: tuple[Linearization, ...]
     starts: int
     failed: int
+    left_out: int = 0
 
     def __getitem__(self, i):  # type: ignore[no-untyped-def]
         return self.found[i]
@@ -84,6 +87,8 @@ class Equilibria(BaseResult, Plotted, Sequence[Linearization]):
 
     def __str__(self) -> str:
         head = f"{len(self.found)} equilibria from {self.starts} starts, {self.failed} of which led to none"
+        if self.left_out:
+            head += f"; {self.left_out} left out: beyond a stop or plane, or where forces have no derivatives"
         return f"{head}; there may be more\n{self.table()}"
 
     __repr__ = __str__
@@ -144,12 +149,13 @@ def equilibria(
         guesses = configuration("q", array("q", q, robot.nq), robot.nq, robot.joints).reshape(-1, robot.nq)
     points, could = _closed(equations, guesses)
     points, good = _newton(equations, points[could])
-    found = _linearized(scene, _distinct(equations, points[good]), inputs, search=q is None)
+    distinct = _distinct(equations, points[good])
+    found = _linearized(scene, distinct, inputs, search=q is None)
     if q is not None and not found:
         raise SceneError("Newton's method finds no equilibrium from there", argument="q", code="no-equilibrium",
                          remedy="give a nearer guess, or none: then it begins from many")  # fmt: skip
     found.sort(key=lambda each: float(robot.energy(each.q, each.v)[1]))
-    return Equilibria(tuple(found), len(guesses), len(guesses) - int(good.sum()))
+    return Equilibria(tuple(found), len(guesses), len(guesses) - int(good.sum()), len(distinct) - len(found))
 
 
 def _equations_at_rest(scene: Scene) -> Equations:
