@@ -177,6 +177,8 @@ def test_arguments() -> None:
         tl.linearize(scene, [0.0, 0.0, 0.0])
     with pytest.raises(SceneError, match="state"):
         _ = tl.linearize(scene, np.zeros((3, 2))).eigenvalues
+    with pytest.raises(SceneError, match="at least one"):
+        tl.linearize(scene, np.zeros((0, 2)))
 
 
 @pytest.mark.parametrize("ask", [tl.linearize, tl.equilibria, lambda scene: tl.periodic_motion(scene, 1.0),

@@ -205,3 +205,10 @@ def test_errors_name_parameter_value_and_expectation(wrt, objective, code: str, 
         tl.optimize(tl.load_scene("arm-swing"), wrt=wrt, objective=objective, duration=0.1)
     assert part in str(caught.value)
     assert not code or caught.value.code == code
+
+
+def test_constraints_have_names() -> None:
+    with pytest.raises(SceneError, match="by name") as caught:
+        tl.optimize(tl.load_scene("arm-swing"), wrt={"v.elbow": (0, 1)}, objective="energy", duration=0.1,
+                    constraints=[lambda run: run.q[-1, 0]])  # fmt: skip
+    assert caught.value.argument == "constraints"

@@ -224,6 +224,8 @@ def linearize(
     Loops are closed first, as `simulate` closes them. The independent degrees of freedom are chosen so that the others
     depend on them as little as possible; A is that of motions which the loops allow.
 
+    States of effects are those that the effects begin with at (q, v), along a motion too: a run's own are not followed.
+
     ad(v) dq is 0 for joints with one degree of freedom. For a free root it appears because tangent vectors are along
     the moving body's axes: Sola, Deray, Atchuthan, A micro Lie theory for state estimation in robotics, 2018.
     """
@@ -306,8 +308,9 @@ def _states(
     default = scene.v if q is None else np.zeros(robot.nv)
     speeds, times = array("v", default if v is None else v, robot.nv), array("t", t, None)
     batch = batch_shape(q=states, v=speeds, t=times[..., None])
-    if len(batch) > 1:
-        raise SceneError(f"expected one state, or one leading axis, got {batch}", argument="q", remedy="reshape it")
+    if len(batch) > 1 or batch == (0,):
+        raise SceneError(f"expected one state, or some along one leading axis, got {batch}", argument="q",
+                         remedy="reshape it, or give at least one")  # fmt: skip
     count = int(np.prod(batch))
     states, speeds = (np.broadcast_to(x, (*batch, x.shape[-1])).reshape(count, -1) for x in (states, speeds))
     return states, speeds, np.broadcast_to(times, batch).reshape(count), batch

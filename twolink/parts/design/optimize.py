@@ -210,6 +210,9 @@ def optimize(
     ----------
     Kraft 1988, "A software package for sequential quadratic programming", DFVLR-FB 88-28.
     """
+    if not isinstance(constraints or {}, Mapping):
+        raise SceneError(f"expected functions by name, got {constraints!r:.60}", argument="constraints",
+                         remedy='such as {"height": lambda run: run.q[-1, 0] - 0.5}')  # fmt: skip
     began, limits = time.perf_counter(), dict(constraints or {})
     variables = variables_of(scene, wrt)
     function = objective_of(objective, scene.robot)
