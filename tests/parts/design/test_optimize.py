@@ -190,6 +190,7 @@ def test_a_search_goes_on_from_its_file_with_the_same_result(tmp_path: Path) -> 
     ({"v.elbo": (0, 1)}, "energy", "unknown-parameter", "did you mean 'v.elbow'"),
     ({"v.elbow": (1, 0)}, "energy", "bounds", "(1, 0)"),
     ({"v.elbow": (0, float("inf"))}, "energy", "bounds", "v.elbow"),
+    ({"v.elbow": (None, 1.0)}, "energy", "bounds", "(None, 1.0)"),
     ({"forearm.mass": (-1, 1)}, "energy", "scene", "forearm.mass"),
     ({"forearm.inertia.yy": (-0.1, 9.0)}, "energy", "impossible-body", "forearm.inertia: no body has"),
     ({"v.elbow": (0, 1)}, "energie", "unknown-objective", "energy"),

@@ -11,6 +11,7 @@ import math
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -70,7 +71,7 @@ def variables_of(scene: Scene, wrt: Mapping[str, Sequence[float]]) -> Variables:
 
 def _bounds(name: str, pair: Any) -> tuple[float, float]:
     """Two bounds. Raises SceneError."""
-    numbers = isinstance(pair, Sequence | np.ndarray) and len(pair) == 2
+    numbers = isinstance(pair, Sequence | np.ndarray) and len(pair) == 2 and all(isinstance(x, Real) for x in pair)
     low, high = (float(bound) for bound in pair) if numbers else (math.nan, math.nan)
     if not (math.isfinite(low) and math.isfinite(high) and low < high):
         raise SceneError(f"expected finite bounds (low, high) with low < high, got {pair!r:.60}", argument="wrt",
