@@ -33,6 +33,13 @@ def test_a_sweep_from_the_command_line(tmp_path: Path) -> None:
     assert (status["total"], status["pending"]) == (9, 0)
 
 
+def test_endings_in_capitals_are_the_same_formats(tmp_path: Path) -> None:
+    files = [str(tmp_path / name) for name in ("X.ZARR", "X.PNG")]
+    found = answer(*ARM, "--vary", "q.elbow=0,1", "--out", files[0], "--out", files[1])
+    assert found["done"] == 2
+    assert Path(files[1]).read_bytes().startswith(b"\x89PNG")
+
+
 def test_help_says_what_a_status_and_a_mass_mean() -> None:
     text = call("sweep", "--help").stdout
     assert all(f"{code} {name}" in text for code, name in enumerate(STATUS))

@@ -102,7 +102,7 @@ def sweep(
 
     paths = out or []
     require_writable(paths, (STORE, *FORMATS, ".csv", ".parquet"))
-    stores, files = ([path for path in paths if (path.suffix == STORE) == is_store] for is_store in (True, False))
+    stores, files = ([p for p in paths if (p.suffix.lower() == STORE) == is_store] for is_store in (True, False))
     if len(stores) != 1:
         raise Misuse(f"expected one store, got {len(stores)}", where="out", remedy="give one --out NAME.zarr")
     store = stores[0]
@@ -126,7 +126,7 @@ def sweep(
     figure = partial(plot_sweep, variable=variable or study.figure.variable, turns=study.figure.turns)
 
     def write_one(path: Path) -> None:
-        (figure if path.suffix in FORMATS else write_sweep_table)(data, path)
+        (figure if path.suffix.lower() in FORMATS else write_sweep_table)(data, path)
 
     record = {"source": source, "store": store, **found.to_dict()}
     text = _text(study.title or source, found, data, store)
