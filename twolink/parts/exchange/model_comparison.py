@@ -160,7 +160,8 @@ class _Comparison:
         found += self._gravity()
         found += [Difference(what, f"{self.labels[1]}, {where}", x, y, cause)
                   for what, where, x, y, cause in law_differences(*self.robots, self.tolerance)]  # fmt: skip
-        dynamics = dynamics_differences(self.a, self.b, self.matches) if self._same_coordinates() else {}
+        alike = all(urdf_kind(self.a.model, m.a) == urdf_kind(self.b.model, m.b) for m in self.matches)
+        dynamics = dynamics_differences(self.a, self.b, self.matches) if alike else {}
         if not found and max(dynamics.values(), default=0.0) > 10 * self.tolerance:
             found.append(Difference("equations of motion", self.labels[1], None, None, "M, h or g differ"))
         renamed = [f"{x} is called {y} in b" for x, y, *_ in names if x != y]
@@ -292,9 +293,6 @@ class _Comparison:
 
     def _joint(self, m: Match, attribute: str) -> str:
         return f"{self.labels[1]}, joint {self.b.model.names[m.b]!r}, {attribute}"
-
-    def _same_coordinates(self) -> bool:
-        return all(urdf_kind(self.a.model, m.a) == urdf_kind(self.b.model, m.b) for m in self.matches)
 
 
 def _in_world(body: pin.Inertia) -> LinkInertia:

@@ -154,11 +154,12 @@ def _finished(futures: Collection[Any]) -> set[Any]:
 @contextlib.contextmanager
 def engine_of(executor: Any, workers: int | None) -> Iterator[BlockEngine]:
     """The engine for None, a Dask client or its address, Slurm's URL, or an executor. Raises SceneError otherwise."""
+    distributed = sys.modules.get("distributed")
     if executor is None:
         engine: BlockEngine = LocalProcesses(workers)
     elif isinstance(executor, str) and executor.startswith(SCHEME):
         engine = Slurm(executor)
-    elif isinstance(executor, str) or _is_client(executor):
+    elif isinstance(executor, str) or (distributed and isinstance(executor, distributed.Client)):
         engine = Dask(executor)
     elif callable(getattr(executor, "submit", None)):
         engine = BlockEngine(executor)
@@ -169,8 +170,3 @@ def engine_of(executor: Any, workers: int | None) -> Iterator[BlockEngine]:
         yield engine
     finally:
         engine.close()
-
-
-def _is_client(thing: Any) -> bool:
-    distributed = sys.modules.get("distributed")
-    return distributed is not None and isinstance(thing, distributed.Client)
