@@ -177,7 +177,7 @@ class Tools:
     def export(self, robot: str, file: str, functions: list[str] | None = None, root: Root = "fixed") -> Answer:
         """Write a robot as .urdf, .xml (MJCF) or .c. functions: of C, such as ["forward_dynamics", "step:rk4"]."""
         loaded, path = self._robot(robot, root), self._path(file)
-        of_c = path.suffix == ".c"
+        of_c = path.suffix.lower() == ".c"
         if functions and not of_c:
             raise QueryError("functions are written as .c", argument="functions", remedy="leave it out, or name a .c")
         written = [tl.export(loaded, path, **({"functions": functions or ["forward_dynamics"]} if of_c else {}))]
