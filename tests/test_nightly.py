@@ -16,6 +16,7 @@ STEPS = [
     "error-bars",
     "sensitivities",
     "stops",
+    "contact-steps",
     "loops",
     "referee",
     "catalogue",
