@@ -240,11 +240,13 @@ class ContactStepper:
             return Step(h, end, free, a, none, points.key, points.position, np.empty((0, 3)))
         if (-points.gap > DEEPEST * self.laws.thickness[points.pair]).any():
             return None
-        step, law = self._with_contacts(h, middle, v, kept, points, memory)
-        if step is None or not step.blows:
-            return step
+        found = self._with_contacts(h, middle, v, kept, points, memory)
+        if found is None or not found[0].blows:
+            return None if found is None else found[0]
+        step, law = found
         mean = self._mean_behind(t, h, middle, v, a, numbers, step)
-        return self._with_contacts(h, middle, v, self._kept(t, h, q, middle, v, mean), points, memory, law)[0] or step
+        again = self._with_contacts(h, middle, v, self._kept(t, h, q, middle, v, mean), points, memory, law)
+        return again[0] if again else step
 
     def _mean_behind(self, t: float, h: float, middle: Array, v: Array, a: Array, numbers: Array, step: Step) -> Array:
         """The mean w' of a step with an impact but for contacts: a before it, and behind it that at the velocity there.
@@ -268,19 +270,19 @@ class ContactStepper:
     def _with_contacts(
         self, h: float, middle: Array, v: Array, kept: Kept, points: Points, memory: Memory,
         last: StepLaw | None = None,
-    ) -> tuple[Step | None, StepLaw | None]:  # fmt: skip
-        """The step, None where its laws are not reached, and its law. last: that of the same points, to begin with."""
+    ) -> tuple[Step, StepLaw] | None:  # fmt: skip
+        """The step and its law; None where that is not reached. last: the law of the same points to begin with."""
         axes, free = axes_of(points.normal), kept.free
         rows = self._rows(points, axes)
         before, after = ((rows @ x).reshape(-1, 3) for x in (v, free))
         if (0.5 * h * np.linalg.norm(before, axis=1) > FARTHEST * self.laws.thickness[points.pair]).any():
-            return None, last
+            return None
         law = StepLaw(self.laws, points, before, after, h, memory)
         if last is not None:
             law.guess, law.active = last.guess, law.active | (last.guess[:, 2] > 0.0)
         solution = law.without_gain(rows, kept.inverse, free)
         if solution is None:
-            return None, last
+            return None
         active, response, impulses, ends = solution
         u = (rows @ ends).reshape(-1, 3)
         pressing, shift = impulses.p[:, 2] > 0.0, response @ (law.late[active, None] * impulses.p).ravel()
@@ -296,7 +298,7 @@ class ContactStepper:
         lasts[active, :2] = (lasts[active, 2] & stuck & law.stuck[active] & ~law.of_joints[active])[:, None]
         push = correction(kept.inverse, rows, off, lasts, law.rests)
         if push is None:
-            return None, last
+            return None
         move = move + push
         still = np.abs(u[active, 2]) < STILL
         closed = pressing | still & (np.abs(off[:, 2] + (rows @ push)[2::3])[active] < CLOSED)
